@@ -60,8 +60,8 @@ fn main() {
             }
         });
 
-    // Forty chunks, which don't fit into any cache: the rate at which a pass processes bytes that it streams from
-    // memory.
+    // Measures the rate at which a pass processes bytes that it streams from memory. The pass uses forty chunks, which
+    // don't fit into any cache.
     let columns = 2 * max_degree + 1;
     let chunks = vec![0.5; 40 * rows * columns];
     let residual = vec![0.25; rows * 3];

@@ -23,7 +23,7 @@ use spharm_store::factor::open_factor;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 use spharm_transform::{Transform, TransformParams};
 
-// The program's allocator and kernels, so that the measured rates are the program's.
+// Use the allocator and the kernels of the program `spharm`, so that the measured rates are also those of the program.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[global_allocator]
 static ALLOCATOR: spharm_tools::allocator::LargePages = spharm_tools::allocator::LargePages;

@@ -1,26 +1,28 @@
 //! Puts large arrays in huge pages, and lets the allocator keep freed memory.
 //!
-//! A fit allocates and drops arrays of megabytes in every step. Each new 4 KiB page costs a page fault and must be
-//! cleared, which took a quarter of the time of a small fit. Therefore arrays of at least 4 MiB request pages
-//! of 2 MiB. The system grants them if `/sys/kernel/mm/transparent_hugepage/enabled` is `madvise`, the default of most
-//! distributions. Memory comes from the system's allocator. An array that is only partly used takes at most one huge
-//! page more than its used part.
+//! A fit allocates and drops arrays of megabytes in every step. Each new page of 4 KiB costs a page fault and must be
+//! cleared. Page faults and clearing took a quarter of the time of a small fit. Therefore, [`LargePages`] requests huge
+//! pages of 2 MiB for arrays of at least 4 MiB. The operating system grants huge pages if
+//! `/sys/kernel/mm/transparent_hugepage/enabled` is `madvise`, the default of most distributions. The memory itself
+//! comes from the system's allocator. An array that is only partly used takes at most one huge page more than its used
+//! part.
 //!
-//! Smaller arrays are also allocated and dropped in every step. By default the allocator returns their pages to the
-//! system and requests new ones, which took a third of the time of a least-squares fit of a cortex at degree 100.
-//! [`keep_freed`] lets the allocator keep some of the freed pages.
+//! A fit also allocates and drops smaller arrays in every step. By default, the allocator returns the pages of freed
+//! arrays to the system and later requests new pages. Returning and requesting pages took a third of the time of a
+//! least-squares fit of a cortex at degree 100. [`keep_freed`] lets the allocator keep some of the freed pages.
 //!
-//! Only a program may choose its allocator, and the kernels of OpenBLAS (`kernels.rs`); libraries leave both choices to
-//! the program. Python's extension module, whose allocator allocates only the module's own memory, uses [`LargePages`].
-//! [`keep_freed`] changes settings of the process and is for the program alone.
+//! Only a program may choose its allocator and the kernels of OpenBLAS (`kernels.rs`). A library must not choose its
+//! allocator or its kernels. Python's extension module uses [`LargePages`] too, because a Rust allocator in the module
+//! allocates only the module's own memory. Only the program calls [`keep_freed`], because this function changes
+//! settings of the whole process.
 
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::ffi::OsString;
 
-/// Smallest size in bytes of an array that requests huge pages: an array of this size contains a complete huge page
-/// wherever the array begins.
+/// Smallest size in bytes of an array for which huge pages are requested. An array of this size contains a complete
+/// huge page, whatever the array's address.
 const LARGE: usize = 4 << 20;
 
 /// Size of a huge page, in bytes.
@@ -29,13 +31,13 @@ const PAGE: usize = 2 << 20;
 /// Largest amount of freed memory kept for each thread, in bytes.
 const KEPT: usize = 128 << 20;
 
-/// Size in bytes of the largest array that glibc allocates from kept memory.
+/// glibc allocates arrays below this size, in bytes, from its heaps, whose freed memory it can keep.
 const LARGEST: usize = 32 << 20;
 
-/// Lets the allocator keep freed memory at the end of each thread's heap: a sixteenth of the free memory, shared among
-/// the threads, at most 128 MiB for each. Does nothing if that is less than the allocator keeps by default, if the
-/// user has set a memory budget, or if the user has configured the allocator. Verbs with a small default budget need no
-/// exception, because they free less memory than is kept.
+/// Lets the allocator keep freed memory at the end of each thread's heap. The threads share a sixteenth of the free
+/// memory equally, but each thread keeps at most 128 MiB. Does nothing if this amount is less than the allocator's
+/// default, if the user has set a memory budget, or if the user has configured the allocator. Verbs with a small
+/// default budget need no exception, because they free less memory than the allocator keeps.
 pub fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];

@@ -4,7 +4,8 @@ use std::env;
 
 fn main() {
     spharm_link::leave_out_kernels();
-    // Cargo strips symbols as the profile says, but not in a package that has its own opt-level.
+    // Cargo strips symbols as the profile specifies, but not in a package with its own opt-level, such as this one.
+    // Therefore the linker strips them.
     let is = |name: &str, value: &str| env::var(name).is_ok_and(|found| found == value);
     let gnu_linker = is("CARGO_CFG_TARGET_OS", "linux") || is("CARGO_CFG_TARGET_ENV", "gnu");
     if is("PROFILE", "release") && is("DEBUG", "false") && gnu_linker {

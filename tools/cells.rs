@@ -4,8 +4,8 @@ use anyhow::{Result, bail};
 use csv::StringRecord;
 use spharm_cohort::{line_of_record, wrong_cells};
 
-/// Checks that a record of a table with the given text has as many cells as the header; the error names the record's
-/// line. `comments` says whether lines that begin with `#` are skipped.
+/// Checks that a record of a table has as many cells as expected from the header. The error states the line number of
+/// the record. `text` is the text of the table. `comments` states whether lines that begin with `#` are skipped.
 pub(crate) fn check_cells(text: &str, record: &StringRecord, expected: usize, comments: bool) -> Result<()> {
     let found = record.len();
     if found == expected {

@@ -107,7 +107,7 @@ impl Verb {
     }
 }
 
-/// Runs a command that is a step of another verb; its first word is `spharm`.
+/// Runs a command that is a step of another verb. The command's first word is `spharm`.
 fn run_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map_err(told)?.run()
 }
@@ -135,7 +135,7 @@ fn told(error: clap::Error) -> anyhow::Error {
 
 /// Returns the program's command. The flags common to all verbs may also precede the verb.
 fn command() -> Command {
-    // Only the arguments of `Common` are added: its description must not replace the program's.
+    // Add only the arguments of `Common`, because its description must not replace the program's description.
     let common = Common::augment_args(Command::new("common"));
     Spharm::command().args(common.get_arguments().cloned())
 }
@@ -152,7 +152,8 @@ impl Parsed {
         let mut command = command();
         let matches = command.try_get_matches_from_mut(arguments);
         let matches = matches.map_err(|error| verbs::suggested(error, &command))?;
-        // clap checks conflicts among the arguments before the verb and among those after it, but not across the verb.
+        // clap detects conflicts among the arguments before the verb, and among the arguments after the verb, but not
+        // between an argument before the verb and an argument after it.
         let mut verb = &matches;
         while let Some((_, next)) = verb.subcommand() {
             verb = next;
@@ -172,8 +173,8 @@ impl Parsed {
     }
 }
 
-/// Runs the program with these arguments, of which the first is the program's name. Returns its exit code, also for
-/// wrong arguments and requests for help.
+/// Runs the program with the given arguments, of which the first is the program's name. Returns the program's exit
+/// code, even if the arguments are wrong or request help.
 pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     ask_for_free_memory(available_memory);
     let given = arguments(given);
@@ -186,7 +187,8 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     exit::run(|| parsed.run(), || exit::command_of(command(), verb))
 }
 
-/// Returns the arguments. If the program was called through a link with the name of a verb, inserts this verb.
+/// Returns the arguments. If the program was called through a link with the name of a verb, inserts this verb after the
+/// program's name.
 fn arguments(given: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = given.into_iter().collect();
     let name = arguments.first().and_then(|name| Path::new(name).file_stem()).unwrap_or_default().to_owned();

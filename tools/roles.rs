@@ -3,7 +3,7 @@
 use clap::{ArgMatches, Command};
 use spharm_cli::roles::{Role, check, given};
 
-/// Refuses arguments in which an output is also an input, or a report is also an output.
+/// Refuses arguments in which the same file is both an output and an input, or both a report and another output.
 pub(crate) fn check_arguments(command: &Command, matches: &ArgMatches) -> anyhow::Result<()> {
     check(&given(command, matches, &role))
 }
@@ -25,8 +25,8 @@ fn role(verb: &str, name: &str) -> Option<Role> {
         (_, "output" | "output_dir" | "surface_output" | "mean" | "scores" | "maps" | "animation" | "curves") => {
             Role::Output
         }
-        // `weights` may be a keyword instead of a file, and `minus` a folder or a column. Both are treated as inputs,
-        // so that no output can overwrite a file of that name.
+        // The value of `weights` may be a keyword instead of a file, and the value of `minus` may be a folder or a
+        // column. Both values are treated as input files, so that no output can overwrite a file of that name.
         (
             _,
             "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "annotation" | "weights" | "original",

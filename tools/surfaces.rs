@@ -39,7 +39,8 @@ impl Surface {
     }
 
     /// Selects the finest icosphere, of 163,842 vertices, if the surface is a model. The mesh is then much nearer to
-    /// the model than models are to their surfaces: its triangles lie at most 3e-5 of the radius inside a sphere.
+    /// the model than the model is to the fitted surface. For a model of a sphere, the triangles of this mesh are
+    /// inside the sphere by at most 3e-5 of its radius.
     pub(crate) fn finest(self) -> Self {
         match self {
             Self::Mesh(mesh) => Self::Mesh(mesh),
@@ -73,7 +74,7 @@ impl Surface {
         }
     }
 
-    /// Returns the memory in bytes that [`meshes`] takes for this surface, besides the surface's mesh.
+    /// Returns the memory in bytes that [`meshes`] needs for this surface, in addition to the surface's mesh.
     pub(crate) fn bytes_to_evaluate(&self) -> u64 {
         match self {
             Self::Mesh(_) => 0,

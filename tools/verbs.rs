@@ -1,4 +1,4 @@
-//! Suggests arguments for words that aren't verbs, but options or verbs of other verbs.
+//! Suggests commands for words that are given as verbs, but are options or subcommands of verbs.
 
 use clap::Command;
 use clap::error::{ContextKind, ContextValue};
@@ -10,7 +10,7 @@ const OPTIONS: [(&str, &[&str]); 3] = [
     ("wrap", &["spharm fit --wrap"]),
 ];
 
-/// Replaces clap's suggestion of similar verbs if an unknown verb is an option, or a verb of another verb.
+/// Replaces clap's suggestion of similar verbs if an unknown verb is an option, or a subcommand of another verb.
 pub(super) fn suggested(mut error: clap::Error, program: &Command) -> clap::Error {
     let others = match error.get(ContextKind::InvalidSubcommand) {
         Some(ContextValue::String(word)) => elsewhere(word, program),
@@ -22,7 +22,7 @@ pub(super) fn suggested(mut error: clap::Error, program: &Command) -> clap::Erro
     error
 }
 
-/// Returns the commands that a word may stand for.
+/// Returns the commands that a user may mean by a word.
 fn elsewhere(word: &str, program: &Command) -> Vec<String> {
     let options = OPTIONS.iter().filter(|(option, _)| *option == word).flat_map(|(_, commands)| *commands);
     let verbs = program.get_subcommands().filter(|verb| verb.find_subcommand(word).is_some());

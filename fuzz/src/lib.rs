@@ -6,7 +6,7 @@ mod readers;
 ///
 /// # Panics
 ///
-/// If the reader doesn't keep a promise.
+/// If the reader's result violates one of the reader's guarantees.
 pub fn run(name: &str, input: &[u8]) {
     // Programs set such a limit of memory too. It is below the fuzzer's own limit, so that readers refuse large files
     // first.

@@ -13,15 +13,15 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 
 /// Compute the basis of a sampling scheme once, and keep it in a store for all fits over this scheme
 ///
-/// Writes one immutable file per degree into the store. Existing files are kept, so the same command resumes an
-/// interrupted build, and a higher --max-degree extends a finished one. Many degrees are written at once, so a build
-/// that is interrupted early has no finished files. Of existing files, only the headers and the tables of chunks are
-/// checked; `spharm store verify` checks every byte. Several builds may run at once.
+/// Writes one immutable file per degree into the store. Existing files are kept. Therefore, the same command resumes an
+/// interrupted build, and a higher --max-degree extends a finished build. Many degrees are written at once, so a build
+/// that is interrupted early has no finished files. In existing files, only the header and the table of chunks are
+/// checked. `spharm store verify` checks every byte. Several builds may run at once.
 ///
-/// With --factor, the Cholesky factor of the normal equations to degree L is also computed and kept beside the basis. A
-/// full least-squares fit over the scheme then only takes two triangular solves. The factor takes 4 (L + 1)^4 bytes of
-/// disk in f64, whatever the number of vertices. An interrupted computation of the factor starts again from the
-/// beginning.
+/// With --factor, the Cholesky factor of the normal equations to degree L is also computed, and stored next to the
+/// basis. With this factor, a full least-squares fit over the scheme needs only two triangular solves. The factor takes
+/// 4 (L + 1)^4 bytes of disk in f64, whatever the number of vertices. An interrupted computation of the factor starts
+/// again from the beginning.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -33,7 +33,7 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 pub(crate) struct Cli {
     /// Sphere of the sampling scheme
     ///
-    /// A mesh of any radius, centred at the origin; or a CSV of theta,phi in radians.
+    /// The sphere is a mesh of any radius, centred at the origin, or a CSV of theta,phi in radians.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: PathBuf,
     /// Folder of the store; created if it doesn't exist
@@ -81,7 +81,8 @@ pub(crate) struct Cli {
     pub(super) factor_only: bool,
     /// Scalar type of the factor
     ///
-    /// f32 takes half of the space; the relative error of solutions is then about 6e-8 times the condition number.
+    /// With f32, the factor takes half of the space, and the relative error of solutions is about 6e-8 times the
+    /// condition number.
     #[arg(long, value_enum, default_value_t = Dtype::F64, requires = "factor", help_heading = SOLVER)]
     pub(super) factor_dtype: Dtype,
     /// Smoothness penalty of the factor

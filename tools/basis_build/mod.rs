@@ -23,7 +23,7 @@ use self::output::{Basis, FactorRow, Report, lines};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
-    // From here on a signal such as Ctrl-C requests an orderly stop.
+    // From here on, a signal such as Ctrl-C requests an orderly stop.
     spharm_cli::exit::cancel();
     raise_file_limit();
     let report_file = cli.report.as_ref().or(cli.json_file.as_ref());
@@ -40,7 +40,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         allow_large: cli.yes,
     };
     let pool = cli.threads.pool()?;
-    // Report and check the memory and disk space that the factor needs before the basis is built.
+    // Before the basis is built, report and check the memory and disk space that the factor needs.
     let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
     let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;

@@ -13,9 +13,9 @@ use spharm_cohort::Shard;
 ///
 /// Surfaces are read from derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
 /// or from --freesurfer. Each surface is fitted over its subject's registered sphere, so that coefficients of different
-/// subjects correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group`
-/// gathers all subjects' models of the surfaces and hemispheres that --surfaces and --hemi select, by default those of
-/// both pial surfaces.
+/// subjects correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject. `group`
+/// gathers the models of all subjects. --surfaces and --hemi select the surfaces and hemispheres, by default both pial
+/// surfaces.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -59,7 +59,7 @@ pub(crate) struct Cli {
     /// Subdivisions of the icosphere at whose vertices models are evaluated
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     pub(super) icosphere: u32,
-    /// Fit only part I of N parts of the surfaces: I/N, with I counted from 0, or slurm
+    /// Fit only part I of N parts of the surfaces (I from 0, or slurm to take I/N from the job array)
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,
     /// Replace existing models of another degree, and existing surfaces on another icosphere
@@ -92,7 +92,7 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    /// Returns the BIDS suffix. FreeSurfer uses the same names, except for the middle surface.
+    /// Returns the BIDS suffix. FreeSurfer uses the same names of surfaces, except for the middle surface.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pial => "pial",

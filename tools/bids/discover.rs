@@ -19,11 +19,11 @@ pub(super) struct Found {
     pub(super) sphere: PathBuf,
 }
 
-/// The surfaces found in a dataset, and the missing ones.
+/// Surfaces found in a dataset, and missing surfaces.
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// Missing surfaces: the id that each has in status files, and the reason why it is missing.
+    /// For each missing surface, its id in status files, and the reason why it is missing.
     pub(super) missing: Vec<(String, String)>,
 }
 
@@ -156,7 +156,8 @@ fn anatomies(subject: &Path) -> Result<Vec<(Option<String>, PathBuf)>> {
 }
 
 fn freesurfer(folder: &Path, hemi: Hemi, surface: Surface) -> Option<(PathBuf, PathBuf)> {
-    // FreeSurfer calls the surface halfway between white and pial `graymid`; sMRIPrep adds it as `midthickness`.
+    // FreeSurfer's name of the surface halfway between white and pial is `graymid`. sMRIPrep adds this surface under
+    // the name `midthickness`.
     let names: &[&str] = match surface {
         Surface::Midthickness => &["midthickness", "graymid"],
         other => &[other.name()],

@@ -1,4 +1,4 @@
-//! Runs the group level: writes all models as one array, their modes, and a page.
+//! Runs the group level: writes an array with all models, their modes of variation, and a page.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -84,7 +84,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
 
-/// Returns the paths of all subjects' models of a surface of a hemisphere, sorted.
+/// Returns the sorted paths of all subjects' models of one surface of one hemisphere.
 fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     let ending = format!("_hemi-{}_desc-spharm_{}.npz", hemi.label(), surface.name());
     let mut models = Vec::new();
@@ -100,8 +100,8 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     Ok(models)
 }
 
-/// Writes the coefficients as an array (subjects, (L + 1)^2, 3), where L is the lowest degree of the models, and the
-/// models' names, one per line.
+/// Writes the coefficients as an array (subjects, (L + 1)^2, 3), and a file with the models' names, one per line. L is
+/// the lowest degree of the models.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
     if let Some(warning) = other_spaces(&models, group) {
@@ -122,7 +122,7 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Returns a warning about models over spheres that are registered to another space than the other models' spheres.
+/// Returns a warning if the spheres of some models are registered to a different space from the other models' spheres.
 fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
     /// Maximum number of models named in the warning.
     const NAMED: usize = 6;
@@ -148,8 +148,9 @@ fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
     })
 }
 
-/// Returns the space to which the sphere of a model is registered, by the name of the sphere's file. Names without a
-/// space, such as FreeSurfer's `lh.sphere.reg`, stand for fsaverage. `None` for a model without the sphere's name.
+/// Returns the space to which the sphere of a model is registered, according to the name of the sphere's file. A name
+/// without a space, such as FreeSurfer's `lh.sphere.reg`, means fsaverage. Returns `None` if the model doesn't record
+/// the name of its sphere.
 fn space(model: &Model) -> Option<String> {
     let name = recorded_name(model.provenance.sphere.as_deref()?);
     let space = name.split('_').find_map(|part| part.strip_prefix("space-"));

@@ -24,7 +24,7 @@ pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     }
 }
 
-/// Returns the command line of another verb: the given arguments, then those common to all verbs.
+/// Returns the command line of another verb: the given arguments, then the arguments common to all verbs.
 fn command(cli: &Cli, arguments: Vec<String>) -> Vec<String> {
     let mut command = vec!["spharm".to_owned()];
     command.extend(arguments);

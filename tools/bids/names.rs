@@ -34,8 +34,8 @@ impl Found {
         self.file("desc-spharm", &format!("{}.json", self.surface.name()))
     }
 
-    /// Returns the path of the table with the model's power in each degree. The surface's name is part of `desc`,
-    /// because otherwise the tables of all surfaces of a hemisphere would have the same name.
+    /// Returns the path of the table with the model's power in each degree. The surface's name is part of the BIDS
+    /// entity `desc`, because otherwise the tables of all surfaces of a hemisphere would have the same name.
     pub(super) fn spectrum(&self) -> PathBuf {
         self.file(&format!("desc-spharm{}", self.surface.name()), "spectrum.tsv")
     }

@@ -27,7 +27,7 @@ use crate::rows::{self, Options, icosphere_within};
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let (started, monitor) = (Instant::now(), ConsoleMonitor::new(cli.common.console()));
     let console = monitor.console();
-    // Check the memory before the fits, which take long.
+    // Check the memory before the fits, because the fits take long.
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;
@@ -56,8 +56,8 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     };
     let merged = match noted() {
         Ok(merged) => merged,
-        // If the fits ended for a reason that concerns all of them, such as a full disk, report that reason instead of
-        // the error in reading the outcomes.
+        // If the fits ended for a reason that concerns all fits, such as a full disk, report this reason instead of the
+        // error from reading the outcomes.
         Err(error) => return fitted.and(Err(error)),
     };
     let failed = found.iter().filter(|found| is(&merged, found, &[State::Failed])).count();
@@ -177,7 +177,7 @@ fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     evaluated.meta.anatomical_structure_primary.get_or_insert(cortex.to_owned());
     let path = at(found.evaluated(cli.icosphere, evaluated.vertices.len()));
     write_mesh(&path, &evaluated, &options)?;
-    // Files on other icospheres only exist here if `--force` was given: remove them.
+    // At this point, files of other icospheres exist only if `--force` was given. Remove these files.
     for other in found.evaluations(&cli.output).into_iter().filter(|other| *other != path) {
         std::fs::remove_file(&other).with_context(|| other.display().to_string())?;
     }

@@ -11,11 +11,11 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 
 /// Measure the distance of a reconstruction from the original surface
 ///
-/// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): both in the input's unit
-/// and after scaling the surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
-/// With --surface-distance, also prints the distances between the surfaces themselves, which don't require equal
-/// triangles. A model in place of a mesh is evaluated at 163,842 vertices, and compared by surface distance; two models
-/// whose surfaces were mapped separately are compared by surface distance alone.
+/// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd). Each is given in the
+/// input's unit, and for surfaces scaled so that the original's bounding box has volume 1 (Shen and Chung 2006, section
+/// 4.2). With --surface-distance, also prints the distances between nearest points of the surfaces, for which the
+/// triangles may differ. A model in place of a mesh is evaluated at 163,842 vertices, and always compared by surface
+/// distance. Two models whose surfaces were mapped separately are compared by surface distance alone.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -43,7 +43,7 @@ pub(crate) struct Cli {
     /// compare, or a FreeSurfer label
     ///
     /// The reconstruction must have the same triangles as the original. With --surface-distance, points are placed on
-    /// the triangles whose three corners are selected, and distances are measured to the whole other surface.
+    /// the triangles whose three corners are selected. Their distances are measured to the complete other surface.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     pub(super) mask: Option<PathBuf>,
     /// Approximate number of points on each surface in addition to its vertices, with --surface-distance
@@ -53,9 +53,9 @@ pub(crate) struct Cli {
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance
     ///
-    /// .ply and .glb: the reconstruction with the distances as values and as colours; .vtk and .vtp: the reconstruction
-    /// with the values; .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or,
-    /// with --surface-distance, to the original surface.
+    /// Files .ply and .glb contain the reconstruction with the distances as values and as colours, .vtk and .vtp the
+    /// reconstruction with the distances as values, .shape.gii and .func.gii only the values. Distances are measured to
+    /// the corresponding vertex or, with --surface-distance, to the original surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
     /// Distance at the upper end of the colour scale [default: the largest distance]

@@ -3,11 +3,13 @@
 use spharm_surface::geometry::{add, dot, scale, sub};
 use spharm_surface::{Mesh, VolumeGeometry};
 
-/// Largest deviation of a vertex's displacement from the centre, in mm. Files of 32-bit numbers cause deviations.
+/// Two vectors are treated as equal if they differ by at most this length, in mm. Coordinates rounded to 32 bits cause
+/// such differences between a vertex's displacement and the recorded centre of the volume.
 const ROUNDING: f64 = 1e-3;
 
-/// Returns whether the vertices of two surfaces all differ by the centre of the volume that one of the surfaces' files
-/// records. One surface then has FreeSurfer's surface coordinates (tkRAS), the other one scanner coordinates.
+/// Returns whether all vertices of two surfaces differ by the same vector, and this vector is the centre of the volume
+/// that the file of one surface records. If so, one surface has FreeSurfer's surface coordinates (tkRAS), and the other
+/// surface has scanner coordinates.
 pub(super) fn differ_by_centre(original: &Mesh, reconstruction: &Mesh) -> bool {
     let (a, b) = (&original.vertices, &reconstruction.vertices);
     if a.len() != b.len() || a.is_empty() {

@@ -66,7 +66,8 @@ fn work(cli: &Cli) -> Result<()> {
             monitor.console().warn(format!("{}: {text}", path.display()));
         }
     }
-    // A model is evaluated at the vertices of an icosphere, which have no counterparts in a mesh.
+    // A model is evaluated at the vertices of an icosphere. These have no counterparts in a mesh, so measure the
+    // distance between the surfaces.
     let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
     let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());
     budget.check(format_args!("compare {}", cli.original.display()), evaluating)?;
@@ -74,7 +75,7 @@ fn work(cli: &Cli) -> Result<()> {
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
-    // If neither flag is given, `compare_at` itself refuses meshes with different triangles.
+    // If neither --mask nor --surface-distance is given, `compare_at` itself refuses meshes with different triangles.
     let corresponds = !apart && (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
     let mask = cli.mask.as_ref().map(|path| read_mask(path, original.vertices.len())).transpose()?;
     let mask = mask.as_deref();
@@ -106,7 +107,7 @@ fn work(cli: &Cli) -> Result<()> {
     } else {
         None
     };
-    // Meshes with different numbers of vertices or different triangles are an error, unless the distance of the
+    // Meshes with different numbers of vertices or different triangles are an error, unless the distance between the
     // surfaces is measured.
     let vertexwise = if surfaces.is_none() || corresponds {
         Some(compare_at(&original, &reconstruction, mask).with_context(pair)?)

@@ -54,8 +54,8 @@ struct OneWay {
 }
 
 impl Report {
-    /// Creates a report for an original with `vertices` vertices; at least one of the distances must have been
-    /// measured.
+    /// Creates a report for an original with `vertices` compared vertices. At least one of the two kinds of distances
+    /// must have been measured.
     pub(super) fn new(vertices: usize, vertexwise: Option<Distances>, surfaces: Option<SurfaceDistance>) -> Self {
         let scale = vertexwise.map(|d| d.scale).or(surfaces.map(|d| d.scale)).unwrap_or(f64::NAN);
         Self {
@@ -88,7 +88,7 @@ impl From<Directed> for OneWay {
     }
 }
 
-/// Returns the table, with each distance for a bounding box of volume 1 and in the input's unit.
+/// Returns the table. Each distance is given for a bounding box of volume 1 and in the input's unit.
 pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, scaled: f64, raw: f64| vec![name.to_owned(), number(scaled), number(raw)];
     let mut rows = vec![["", "box volume 1", "input's unit"].map(str::to_owned).to_vec()];

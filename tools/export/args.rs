@@ -23,8 +23,8 @@ pub(crate) const FORMATS: &str = "Formats:
 
 /// Write models in the formats of other packages
 ///
-/// Coefficients are converted to the harmonics of the package and to its order of coefficients; numbers in text files
-/// have 17 digits. A model that the format can't represent is refused.
+/// Coefficients are converted to the harmonics and the order of coefficients of the other package. Numbers in text
+/// files have 17 digits. A model that the format can't represent is refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,7 +37,7 @@ pub(crate) const FORMATS: &str = "Formats:
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all their .npz files), or @LIST with one path per line.
+    /// Give files, folders (for all .npz files in them), or @LIST for a file LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
     /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
@@ -48,9 +48,9 @@ pub(crate) struct Cli {
     pub(super) normalization: Normalization,
     /// File to write; for several models, a folder
     ///
-    /// The name may have the format's extension or none: .coef for pdm; .mat; .sh, .txt or .dat for pyshtools;
-    /// .fits or .fit for healpy; .npy for s2fft, ktch and flowshape; .json or .csv for aics; .1D or .txt for afni;
-    /// .csv; .json.
+    /// The name may have no extension, or the extension of the format: .coef for pdm; .mat for mat; .sh, .txt or .dat
+    /// for pyshtools; .fits or .fit for healpy; .npy for s2fft, ktch and flowshape; .json or .csv for aics; .1D or .txt
+    /// for afni; .csv for csv; .json for json.
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Print a report as JSON instead of text

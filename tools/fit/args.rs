@@ -16,9 +16,9 @@ use crate::rows::CohortArgs;
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
-/// Without --store, surfaces are fitted by full least squares with fast transforms. With --store, they are fitted by
-/// iterative residual fitting, in bounded memory, with a basis that basis-build made for the same sphere. All surfaces
-/// of one call are fitted together, in as few sweeps over the basis as the memory allows.
+/// Without --store, surfaces are fitted by full least squares with fast transforms. With --store, surfaces are fitted
+/// by iterative residual fitting in bounded memory, with a basis that basis-build made for the same sphere. All
+/// surfaces of one call are fitted together, in as few sweeps over the basis as the memory allows.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -53,9 +53,9 @@ pub(crate) struct Cli {
 pub(super) struct Input {
     /// Surfaces, or signals on the sphere's vertices
     ///
-    /// A folder stands for the meshes in it, except spheres and surfaces written by fits; subfolders are ignored. @LIST
-    /// reads the paths from the file LIST: one per line, relative to LIST; # begins a comment. A file given twice is
-    /// fitted once.
+    /// A folder is replaced by the meshes in it, except spheres and surfaces written by fits. Subfolders are ignored.
+    /// @LIST reads paths from the file LIST, one per line, relative to the folder of LIST. In LIST, # begins a comment.
+    /// A file given twice is fitted once.
     #[arg(value_name = "FILE", required_unless_present_any = ["surface", "moments", "manifest"])]
     pub(super) files: Vec<PathBuf>,
     /// Another way to give FILE
@@ -63,17 +63,17 @@ pub(super) struct Input {
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
     ///
-    /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
-    /// name ends in .csv. Paths are relative to the table. A model's file is named after `output` or, without it, after
-    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere, and volumes
-    /// without a label use --label.
+    /// The table has the columns id and surface, and optionally sphere, weights, output and label. It is tab-separated,
+    /// or comma-separated if its name ends in .csv. Paths are relative to the table. A model's file is named after the
+    /// column `output` or, without this column, after the id. The model records the id. Other columns are ignored. Rows
+    /// without a sphere use --sphere, and volumes without a label use --label.
     #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
     /// A file written by `spharm moments` or `spharm moments merge`. Models can have any degree up to the degree of
-    /// this file. The printed table has a row for each channel: rms is the root mean square residual, and explained is
-    /// 1 - sum w r^2 / sum w f^2, for values f of weight w with residuals r.
+    /// this file. The printed table has a row for each channel. Its column rms is the root mean square residual. Its
+    /// column explained is 1 - sum w r^2 / sum w f^2, for values f with weights w and residuals r.
     #[arg(
         long,
         value_name = "ALL.moments",
@@ -82,37 +82,40 @@ pub(super) struct Input {
     pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: one for each surface]
     ///
-    /// A mesh centred at the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
-    /// parametrize); the sphere is written next to the model.
+    /// A mesh centred at the origin, or a CSV of theta,phi. Without this option, each surface is first mapped to a
+    /// sphere, as by parametrize, and this sphere is written next to the model.
     #[arg(long, value_name = "SPHERE", conflicts_with_all = ["LabelSurfaceArgs", "VolumeArgs"])]
     pub(super) sphere: Option<PathBuf>,
     /// Labels of a volume, or all: one model per label
     ///
-    /// Surfaces can also be given as label volumes (.nii, .mgz, .nrrd, .tif, .npy); the label is only needed if a
-    /// volume has several labels. The surfaces are written next to the models.
+    /// Surfaces can also be given as label volumes (.nii, .mgz, .nrrd, .tif, .npy). A label must be given only if a
+    /// volume has several labels. The surfaces of the labels are written next to the models.
     #[arg(long, value_name = "N|all", num_args = 1.., allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
-    /// Labels: keeps the largest piece, fills cavities and removes handles. Meshes: welds coincident vertices, drops
-    /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, orients all
-    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, large ones by surfaces of
-    /// least bending; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
+    /// For a label, this option keeps the largest piece, fills cavities and removes handles. For a mesh, it welds
+    /// coincident vertices, drops repeated and degenerate triangles, fins, unused vertices and all pieces except the
+    /// largest, orients all triangles outwards, separates parts that touch, and fills holes of up to 500 edges. Large
+    /// holes are filled by surfaces of least bending. The repaired mesh is written next to the model, as
+    /// NAME.fixed.surf.gii.
     #[arg(long, group = "mending", conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Raise the limits of --fix and --wrap to this percentage of a mesh's area; the usual limits are 5 for area lost
-    /// by welding, 5 for dropped pieces, 25 for filled holes, 5 for parts that --wrap leaves out, and 25 for the part
-    /// of the wrap that spans holes
+    /// Raise the limits of --fix and --wrap to this percentage of a mesh's area
+    ///
+    /// The default limits, in per cent, are 5 for the area lost by welding, 5 for dropped pieces, 25 for filled holes,
+    /// 5 for parts that --wrap leaves out, and 25 for the part of the wrap that spans holes.
     #[arg(long, value_name = "PERCENT", requires = "mending", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
     /// longest side
     ///
-    /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
-    /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
-    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
-    /// the mesh, or spans holes by more than 25 % of its area, is refused, and so is an open sheet. 128 voxels suit
-    /// most meshes; 16 to 512 are allowed. The new mesh is written next to the model, NAME.fixed.surf.gii.
+    /// Use this option for meshes that --fix can't close: meshes with double walls, meshes that intersect themselves,
+    /// and meshes whose parts overlap, lie inside each other or lack large pieces. The closed surface, the wrap, spans
+    /// holes and has no handles. Vertices of the wrap within a voxel of the mesh are moved onto the mesh. Walls and
+    /// gaps thinner than a voxel are lost. An open sheet is refused. A wrap is also refused if it leaves out more than
+    /// 5 % of the mesh, or if more than 25 % of its area spans holes. 128 voxels suit most meshes. The range is 16 to
+    /// 512 voxels. The wrap is written next to the model, as NAME.fixed.surf.gii.
     #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
     pub(super) wrap: Option<usize>,
     #[command(flatten)]
@@ -121,8 +124,8 @@ pub(super) struct Input {
     pub(super) volume: VolumeArgs,
     /// Cut the handles of surfaces along short loops, and fill both sides of each cut
     ///
-    /// The cut surface is fitted, and written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
-    /// reconstruct restores the original surface.
+    /// The cut surface is fitted, and written next to the model, as NAME.cut.surf.gii. The model records the seams, so
+    /// that reconstruct can restore the original surface.
     #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
     pub(super) cut_handles: bool,
     /// Folder of the basis store [env: SPHARM_STORE, see --help]
@@ -139,15 +142,15 @@ pub(super) struct Input {
     pub(super) weights: String,
     /// File that selects the vertices to fit
     ///
-    /// A value for each vertex, with 0 for vertices to ignore, or a FreeSurfer label. A surface is fitted on the
-    /// triangles whose three corners are selected. Least squares without --store also ignores vertices at which a
+    /// The file has a value for each vertex, 0 for vertices to ignore, or is a FreeSurfer label. A surface is fitted on
+    /// the triangles whose three corners are selected. Least squares without --store also ignores vertices at which a
     /// signal has no value (NaN). The model still covers the whole sphere.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
     /// Doubtful inputs are surfaces that have holes or a genus other than zero, spheres that are off centre, and
-    /// spheres and masks of the other hemisphere.
+    /// spheres or masks that belong to the other hemisphere.
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -169,10 +172,10 @@ pub(super) struct MethodArgs {
     /// Use the lowest degree with at most this error [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
-    /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have the
-    /// same degree, at most 256: the highest degree that the first, the middle or the last surface needs or, if a model
-    /// exists and isn't replaced, the degree of this model. Without --accuracy, the degree for labels of a volume is 4
-    /// to 60, chosen by their median size in voxels.
+    /// percentage of the surface's size. This size is the cube root of the volume of the bounding box. All models of a
+    /// call have the same degree, at most 256. This common degree is the highest that the first, the middle or the last
+    /// surface needs. If a model exists and isn't replaced, its degree is used instead. Without --accuracy, the degree
+    /// for labels of a volume is 4 to 60, chosen by the labels' median size in voxels.
     #[arg(long, value_name = "RMS|PERCENT%", conflicts_with_all = ["store", "shard", "moments"])]
     pub(super) accuracy: Option<Accuracy>,
     /// Method of the fit [default: irf with --store, else lsq]
@@ -180,22 +183,23 @@ pub(super) struct MethodArgs {
     pub(super) method: Option<MethodName>,
     /// Objective of the fit (lsq) [default: surface for meshes]
     ///
-    /// surface: fit samples on all triangles, as dense as the degree requires, each weighted by its share of the
-    /// sphere. vertices: fit only the vertices; this is the default for signals, and the only choice
+    /// surface: fit samples on all triangles. The samples are as dense as the degree requires, and each is weighted by
+    /// its share of the sphere. vertices: fit only the vertices. This is the default for signals, and the only choice
     /// with --store.
     #[arg(long, value_name = "surface|vertices", alias = "target")]
     pub(super) objective: Option<Objective>,
     /// Allowed area distortion when meshes are mapped to the sphere, 0 to 1 [default: 0.8]
     ///
-    /// For meshes without a sphere. Like --area of parametrize, but areas are only distorted as far as this improves
-    /// the model. Use 0 for groups, so that their maps differ no more than the surfaces do.
+    /// This option is for meshes without a sphere. The value has the same meaning as --area of parametrize, but areas
+    /// are distorted only as far as the distortion improves the model. Use 0 for groups, so that the maps of two
+    /// surfaces differ no more than the surfaces themselves.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
     /// Passes, p [default: irf 1, mirf 4; with --accelerate 16]
     ///
-    /// Further passes bring a model closer to the least squares. One pass reaches it only on samplings on which the
-    /// degrees of different blocks are nearly orthogonal, such as an icosphere with many more vertices than
-    /// coefficients.
+    /// Further passes bring a model closer to the least-squares solution. One pass reaches this solution only if the
+    /// functions of different blocks are nearly orthogonal on the sampling, as on an icosphere with many more vertices
+    /// than coefficients.
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
     /// Basis functions per block, g (irf) [default: 100]
@@ -203,9 +207,9 @@ pub(super) struct MethodArgs {
     pub(super) granularity: Option<usize>,
     /// Use conjugate gradients over pairs of passes (irf, mirf)
     ///
-    /// Each step is one pass forward and one pass backward. If the sampling is irregular, the iteration reaches the
-    /// least-squares solution in far fewer passes. --passes is then the maximum number of passes; the iteration ends
-    /// early if further passes bring no improvement.
+    /// Each step is one pass forward and one pass backward. On irregular samplings, conjugate gradients reach the
+    /// least-squares solution in far fewer passes. With --accelerate, --passes is the maximum number of passes. The
+    /// iteration ends early if further passes bring no improvement.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
@@ -213,20 +217,20 @@ pub(super) struct MethodArgs {
     pub(super) start_degree: Option<usize>,
     /// Smoothness penalty (lsq) [default: 0]
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the sum of squared distances, each multiplied by its weight. Weights are
-    /// used as given: if all weights are a tenth as large, a tenth of LAMBDA has the same effect. In a fit of the
-    /// surface, the weights of the samples have the same sum as those of the vertices. auto chooses LAMBDA for each
-    /// surface, or each channel of a signal, by generalised cross-validation. With --objective vertices and without
-    /// --sphere, the default penalty at the highest degree has a hundredth of the weight of the vertices, which keeps
-    /// the model from oscillating between vertices.
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2, over all coefficients a of degree l, to the weighted sum of squared
+    /// distances. Weights are used as given: if all weights are a tenth as large, a tenth of LAMBDA has the same
+    /// effect. With --objective surface, the weights of the samples have the same sum as the weights of the vertices.
+    /// auto chooses LAMBDA for each surface, or each channel of a signal, by generalised cross-validation. With
+    /// --objective vertices and without --sphere, the default is a small penalty that keeps the model from oscillating
+    /// between vertices. At the highest degree, this penalty has a hundredth of the weight of the vertices.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
     ///
-    /// For surfaces and signals whose vertices have independent noise of equal size. The size of the noise and its
-    /// effect on each degree are estimated from the residual and from fits of random noise. The fit is then repeated,
-    /// damping the degrees that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that
-    /// is high enough.
+    /// This option suits surfaces and signals whose vertices have independent noise of equal size. The size of the
+    /// noise and its effect on each degree are estimated from the residual and from fits of random noise. The fit is
+    /// then repeated, damping the degrees that are mostly noise. Detail above --max-degree is treated as noise, so give
+    /// a degree that is high enough.
     #[arg(long, conflicts_with = "smoothness")]
     pub(super) denoise: bool,
     /// Don't measure the distance between model and surface
@@ -253,12 +257,13 @@ pub(super) struct Solver {
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
-    /// auto: use the density of uneven samples if computing their moments pays off, and a Cholesky factor if iterations
-    /// are slow. density: always compute the moments and use the density. none: use no preconditioner. factor: use a
-    /// Cholesky factor from the start. With fewer vertices than coefficients and no penalty, no preconditioner is used.
+    /// auto: for unevenly spread samples, use their density if computing the moments of the samples pays off; use a
+    /// Cholesky factor if iterations are slow. density: always compute the moments of the samples and use the density.
+    /// none: use no preconditioner. factor: use a Cholesky factor from the start. With fewer vertices than coefficients
+    /// and no penalty, no preconditioner is used.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
-    /// Scalar type of the basis [default: the type in the store, f64 if it has both]
+    /// Scalar type of the basis [default: the type in the store, f64 if the store has both]
     #[arg(long, value_enum, hide_short_help = true)]
     pub(super) dtype: Option<Dtype>,
     /// Before the fit, check every byte of the basis against its hash
@@ -276,9 +281,9 @@ pub(super) struct Output {
     pub(super) output: Option<PathBuf>,
     /// Template for the names of the models
     ///
-    /// Placeholders stand for parts of each input's path, with links resolved: {stem} is the file's name without folder
-    /// and format, {label} the label in a volume, {parent} the folder that contains the file, {parent2} the folder
-    /// above {parent}.
+    /// Placeholders are replaced by parts of each input's path, after links have been resolved: {stem} is the file's
+    /// name without folder and format, {label} the label in a volume, {parent} the folder that contains the file,
+    /// {parent2} the folder above {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
     /// Also write complex coefficients, NAME.spharm.csv
@@ -298,13 +303,13 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Skip surfaces whose model exists
     ///
-    /// The model must have been made from the same input with the same settings. If an earlier call
-    /// wrote a mesh's sphere but no model, the sphere is reused if it was made from the same input for the same degree.
+    /// The model must have been made from the same input with the same settings. A sphere that an earlier call wrote
+    /// without a model is reused if it was made from the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     /// Like --skip-existing, but refit surfaces that have changed
     ///
-    /// A model of another input, or with other settings, is replaced instead of refused.
+    /// A model that was made from another input or with other settings is replaced, not refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
     pub(super) update: bool,
     /// Don't print the note that models don't correspond, because the caller aligns the models

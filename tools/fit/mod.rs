@@ -117,8 +117,8 @@ fn preparation(input: &Input) -> Result<Preparation> {
     Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }
 
-/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`, and volumes without a
-/// label `--label`.
+/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`, and volumes without a label use
+/// `--label`.
 fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     let shard = cli.cohort.shard.unwrap_or_default();
     match cli.input.label[..] {
@@ -129,7 +129,7 @@ fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     Ok(Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone()))
 }
 
-/// Returns the surfaces named in the arguments as rows, and reads their sphere.
+/// Returns a row for each surface in the arguments, and reads the surfaces' sphere.
 fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &ConsoleMonitor) -> Result<Cohort> {
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
@@ -141,8 +141,8 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
         for path in paths {
             match named(reader, std::slice::from_ref(&path), &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Keep the path as a row without a label: the row fails for the same reason, without stopping the
-                // other rows.
+                // Keep a volume that can't be read as a row without a label. This row fails later for the same reason,
+                // without stopping the other rows.
                 Err(_) if is_volume(&path) => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }
@@ -167,7 +167,7 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
     Ok(cohort)
 }
 
-/// Returns the given files, each once, with each @LIST replaced by its paths and each folder by its meshes.
+/// Returns the given files without duplicates. Each @LIST is replaced by its paths, and each folder by its meshes.
 fn files(input: &Input, console: &Console) -> Result<Vec<PathBuf>> {
     let weights = Some(Path::new(&input.weights));
     let used = [input.sphere.as_deref(), input.mask.as_deref(), weights].into_iter().flatten().collect::<Vec<_>>();

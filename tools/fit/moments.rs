@@ -73,7 +73,7 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         std::iter::once(name.clone()).chain(cells.map(|cell| cell.unwrap_or_else(|| "-".to_owned()))).collect()
     }));
     for (channel, row) in rows.iter_mut().skip(1).enumerate() {
-        // The three channels of a surface share one noise estimate; a signal has one for each channel.
+        // The three channels of a surface share one noise estimate; a signal has one estimate for each channel.
         if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {
             row.extend([number(of.sigma), format!("{:.0}", of.degrees_of_freedom)]);
         }

@@ -37,7 +37,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     };
     let (name, store) = method_and_store(cli);
     let method = method(cli, name, store.is_some())?;
-    // A path that is wrong is found before any surface is read, also for methods that don't need the store.
+    // Check the store's path before any surface is read, even if the method doesn't need the store.
     store.as_deref().map(schemes).transpose()?;
     let params = FitParams::lsq(degree)
         .with_method(method)
@@ -62,8 +62,8 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     Ok(params)
 }
 
-/// Returns the method, and the folder of the store. SPHARM_STORE names the folder only for a method that needs one: it
-/// never changes the method or the objective.
+/// Returns the method, and the folder of the store. The environment variable SPHARM_STORE gives the folder only for a
+/// method that needs a store. The variable never changes the method or the objective.
 fn method_and_store(cli: &Cli) -> (MethodName, Option<PathBuf>) {
     let given = cli.input.store.clone();
     let method = cli.method.method.unwrap_or(if given.is_some() { MethodName::Irf } else { MethodName::Lsq });

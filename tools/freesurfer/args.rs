@@ -15,8 +15,8 @@ use crate::rows::CohortArgs;
 ///
 /// Each surface is fitted over the sphere.reg of its hemisphere. A direction on this sphere has the same anatomical
 /// position in every subject, whatever the number of vertices, so coefficients of different subjects correspond.
-/// Subjects that lack a file, or whose sphere doesn't match the surface, are listed at the end and don't stop the
-/// others.
+/// Subjects that lack a file, or whose sphere doesn't match the surface, are listed at the end and don't stop the fits
+/// of other subjects.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -41,11 +41,12 @@ pub(crate) struct Cli {
     pub(super) signal: Vec<String>,
     /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; `none` reads all vertices
     ///
-    /// Outside the label, values are extrapolated from the edge of the label, because the zeros on the medial wall
-    /// aren't measurements. The extrapolated values count as data and change the model beside the wall: for values with
-    /// a standard deviation of 0.4 mm and a wall of 5 % of the vertices, by at most 0.07 mm (rms 0.003 mm) at degree
-    /// 20. `spharm fit --mask` leaves these vertices out instead, but at high degrees the data don't determine its
-    /// model on the wall. Surfaces are always read entirely. [default: cortex, if it exists]
+    /// Outside the label, values are extrapolated from the edge of the label, because FreeSurfer's zeros on the medial
+    /// wall aren't measurements. The extrapolated values are fitted like data, and change the model next to the wall.
+    /// At degree 20, for values with a standard deviation of 0.4 mm and a wall of 5 % of the vertices, the model
+    /// changes by at most 0.07 mm (rms 0.003 mm). `spharm fit --mask` omits the vertices outside the label instead, but
+    /// at high degrees the remaining data don't determine the model on the wall. Surfaces are always read at all
+    /// vertices. [default: cortex, if it exists]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
     /// Hemispheres to fit

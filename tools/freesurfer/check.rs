@@ -15,12 +15,13 @@ use super::other_hemisphere;
 /// first one found is used.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
-/// Refuses a surface whose orientation its sphere reverses. If a target doesn't match its sphere, the error says
+/// Refuses a surface if its sphere has the opposite orientation. If a target doesn't match its sphere, the error states
 /// whether the sphere matches the other hemisphere.
 ///
-/// A sphere has the same outside as its surface. A mirrored sphere, such as the other hemisphere's, turns the surface
-/// inside out: the volumes enclosed by the triangles of the two have different signs. Values have no orientation, so
-/// the hemisphere's own surface is compared with the sphere instead.
+/// A surface and its sphere have the same orientation. A mirrored sphere, such as the sphere of the other hemisphere,
+/// has the opposite orientation: the volume enclosed by its triangles and the volume enclosed by the surface's
+/// triangles have different signs. Per-vertex values have no orientation, so the hemisphere's own surface is compared
+/// with the sphere instead.
 pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunError>) -> Result<Target, RunError> {
     match target {
         Ok(target) if !sphere.faces.is_empty() => {
@@ -45,7 +46,8 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
         Err(error) => {
             let vertices = sphere.directions.len();
             let other = other_hemisphere(&row.surface).map(|(_, path)| path);
-            // Only a mesh tells the other hemisphere's number of vertices; a per-vertex file of values isn't a mesh.
+            // The other hemisphere's number of vertices is known only if that hemisphere's file is a mesh. A per-vertex
+            // file of values isn't a mesh.
             match other.filter(|path| read_mesh(path).is_ok_and(|mesh| mesh.vertices.len() == vertices)) {
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
@@ -67,23 +69,23 @@ fn is_of_another(error: &RunError) -> bool {
     matches!(error, RunError::Fit(Error::Surface(VertexCount { .. } | OtherTriangles { .. })))
 }
 
-/// Returns the vertex positions of the surface to which values belong, in the hemisphere given by the file name of the
-/// values, if a readable surface exists.
+/// Returns the vertex positions of the surface to which a file of values belongs. The name of this file determines the
+/// hemisphere. Returns `None` if no surface of the hemisphere can be read.
 ///
 /// # Errors
 ///
-/// If the sphere doesn't belong to that surface; then it doesn't belong to the values either.
+/// If the sphere doesn't belong to the surface, and therefore doesn't belong to the values.
 fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
     for name in SURFACES {
         let surface = path.with_file_name(format!("{}.{name}", hemi.name()));
-        // A surface that can't be read says nothing about the sphere: try the next one.
+        // If this surface can't be read, try the next surface.
         let Ok(mesh) = read_mesh(&surface) else { continue };
         if mesh.vertices.len() == sphere.directions.len() && mesh.faces == sphere.faces {
             return Ok(Some(mesh.vertices.into_flattened()));
         }
-        // `read_target` accepts the same triangles in another order; otherwise its error says how they differ.
+        // `read_target` accepts the same triangles in another order; otherwise its error states the difference.
         match read_target(&surface, sphere) {
             Ok(target) => return Ok(Some(target.values)),
             Err(error) => refused = refused.or(Some(RunError::from(error))),

@@ -62,8 +62,8 @@ fn options(cli: &Cli, left_out: &[String], console: &Console) -> Result<Options>
 }
 
 /// Returns the subjects, and the skipped folders. Subjects are the given names or, without names, the folders that
-/// contain a folder `surf`, sorted by name. All other folders are skipped; FreeSurfer's own averages are in neither
-/// list.
+/// contain a folder `surf`, sorted by name. All other folders are skipped. FreeSurfer's averages (fsaverage*) are in
+/// neither list.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());
@@ -190,7 +190,8 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     rows
 }
 
-/// Refuses a label that no subject has. If some subjects have it, the others fail one by one.
+/// Refuses a label that no subject has. If only some subjects have the label, the fits of the other subjects fail
+/// individually.
 fn check_label(cli: &Cli, rows: &[Row]) -> Result<()> {
     let Some(name) = cli.mask.as_deref() else { return Ok(()) };
     let mut labels = rows.iter().filter_map(|row| row.region.as_deref());

@@ -39,15 +39,16 @@ pub(super) fn evaluate(cli: &Cli, on: &On, console: &Console) -> Result<Evaluate
 /// Files of the spheres at whose vertices models are evaluated.
 struct Files {
     sphere: PathBuf,
-    /// Sphere of the right hemisphere; `None` if `sphere` is used for both hemispheres or only one is fitted.
+    /// Sphere of the right hemisphere; `None` if `sphere` is used for both hemispheres or only one hemisphere is
+    /// fitted.
     right: Option<PathBuf>,
     /// Name of the sphere in the file names of outputs.
     name: String,
 }
 
 /// Finds the spheres of both hemispheres, given the file of a sphere or the name of a subject. The other hemisphere's
-/// sphere is expected beside the file. The subject, such as fsaverage5, is in SUBJECTS_DIR or among FreeSurfer's own
-/// subjects.
+/// sphere is expected in the folder of the given file. A subject such as fsaverage5 is searched for in SUBJECTS_DIR and
+/// among FreeSurfer's own subjects.
 fn files(cli: &Cli, named: &Path) -> Result<Files> {
     if named.is_file() {
         let Some((hemi, other)) = other_hemisphere(named) else {
@@ -85,7 +86,7 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
     Ok(of_hemispheres(cli, stem(named)?, |hemi| at(folder, hemi)))
 }
 
-/// Returns a file's name without its hemisphere.
+/// Returns a file's name without the label of the hemisphere, such as `lh.`.
 fn of_both(name: &str, hemi: Hemi) -> String {
     let rest = name.strip_prefix(hemi.name()).and_then(|rest| rest.strip_prefix('.'));
     rest.map_or_else(|| name.replacen(&format!("{}_", hemi.of_bids()), "", 1), str::to_owned)

@@ -26,7 +26,7 @@ use spharm_surface::generate::Family;
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// Subdivisions of the icosphere: 10 4^N + 2 vertices [default: 6, for a group 5]
+    /// Number N of subdivisions of the icosphere, for 10 * 4^N + 2 vertices [default: 6, for a group 5]
     #[arg(
         long,
         value_name = "N",
@@ -51,7 +51,7 @@ pub(crate) struct Cli {
     pub(super) study: Option<PathBuf>,
     /// Folder for the label volumes of a study, ID.nii.gz, with study.csv
     ///
-    /// The same bodies as with --study, in voxels of 1 mm. The header of the last subject of group a wrongly states
+    /// Writes the same bodies as --study, in voxels of 1 mm. The header of the last subject of group a wrongly states
     /// voxels of 10 mm; `spharm study` flags this subject in quality control.
     #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions", "double"], help_heading = OUTPUT)]
     pub(super) volumes: Option<PathBuf>,
@@ -63,8 +63,8 @@ pub(crate) struct Cli {
     pub(super) bump: f64,
     /// Family of shapes of a group to write, with known correspondence
     ///
-    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori; each family has one or two parameters. Every
-    /// member has its own mesh and a random pose.
+    /// The families are moving-bump, sharp-bump, growing-bump, ellipsoids, rods and tori. Each family has one or two
+    /// parameters. Every member has its own mesh and a random pose.
     #[arg(
         long,
         value_name = "FAMILY",

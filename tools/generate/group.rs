@@ -15,7 +15,7 @@ pub(super) fn group(cli: &Cli, family: &str, folder: &Path) -> Result<()> {
     let family = Family::ALL.into_iter().find(|known| known.name() == family).context("a family")?;
     let subdivisions = cli.subdivisions.unwrap_or(5);
     let group = Group { family, members: cli.members, seed: cli.variant, subdivisions, upright: cli.upright };
-    // Memory for a single member, since members are generated and written one after another.
+    // Memory for a single member, because members are generated and written one after another.
     let needed = |subdivisions| cortex_bytes(subdivisions).saturating_add(WRITING * icosphere_counts(subdivisions)[0]);
     let fewer = (0..subdivisions).rev().map(|fewer| (format!("--subdivisions {fewer}"), needed(fewer)));
     cli.memory.budget(1).check_or("generate --group", needed(subdivisions), fewer)?;

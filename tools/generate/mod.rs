@@ -11,7 +11,8 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 pub(crate) use self::args::Cli;
 
-/// Bytes of memory per vertex and its triangles while a mesh is written: GIfTI compresses each array as a whole.
+/// Memory in bytes for each vertex and its triangles while a mesh is written. The GIfTI writer compresses complete
+/// arrays.
 const WRITING: u64 = 48;
 
 /// Runs the verb.

@@ -13,7 +13,7 @@ use super::{Cli, WRITING};
 
 /// Memory in bytes for holding and writing the voxels of a subject with a bump of up to [`HIGHEST`].
 const VOXELS: u64 = 64 << 20;
-/// Highest bump of label volumes, in mm; the volumes grow with it.
+/// Maximum height of the bump in label volumes, in mm. Higher bumps make the volumes larger.
 const HIGHEST: f64 = 100.0;
 /// Voxel size in mm that the wrong header states; the true size is 1 mm.
 const WRONG: f64 = 10.0;
@@ -68,7 +68,7 @@ fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
         // The unit is millimetres, and the matrix maps voxels to the scanner's coordinates.
         xyzt_units: 2,
         sform_code: 1,
-        // The qform states the same coordinates: readers may use either of the two.
+        // The qform describes the same coordinates as the sform, because readers may use either form.
         qform_code: 1,
         quatern_x: row(0)[3],
         quatern_y: row(1)[3],
@@ -105,7 +105,7 @@ impl Generated {
             let (group, index) = if number >= half { ("b", number - half) } else { ("a", number) };
             Subject { name: format!("{group}{:0digits$}", index + 1), group, index }
         };
-        // Memory for a single mesh, since meshes are generated and written one after another.
+        // Memory for a single mesh, because meshes are generated and written one after another.
         let needed = cortex_bytes(study.subdivisions) + WRITING * icosphere_counts(study.subdivisions)[0] + more;
         cli.memory.budget(1).check(format!("generate {flag}"), needed)?;
         let subjects: Vec<Subject> = (0..cli.subjects).map(subject).collect();

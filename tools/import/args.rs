@@ -12,9 +12,9 @@ use crate::export::{FORMATS, normalization};
 
 /// Make a model from coefficients of another package
 ///
-/// The format is detected from the contents. Name the format with --from for arrays of ktch and FlowShape and for
-/// matrices of weighted SPHARM, which look like other formats. The model gets its own sphere only from --sphere or from
-/// a SPHARM-MAT file; evaluate a model without a sphere with `spharm reconstruct --icosphere N`.
+/// The format is detected from the contents. Give --from for arrays of ktch and FlowShape and for matrices of weighted
+/// SPHARM, because their contents resemble other formats. The model has its own sphere only if --sphere is given or the
+/// file is a SPHARM-MAT file. Evaluate a model without a sphere with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -38,7 +38,7 @@ pub(crate) struct Cli {
     /// Normalisation of pyshtools' harmonics: ortho, 4pi (pyshtools' own default), schmidt or unnorm
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
-    /// Condon-Shortley phase of pyshtools' harmonics: 1 without (pyshtools' own default), -1 with the phase
+    /// Condon-Shortley phase of pyshtools' harmonics: 1 without the phase (pyshtools' own default), -1 with it
     #[arg(
         long, value_name = "PHASE", default_value = "1", value_parser = csphase, allow_negative_numbers = true,
         help_heading = METHOD

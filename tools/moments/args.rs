@@ -21,9 +21,10 @@ const OVER_A_SPHERE: &str = "With --sphere or --icosphere, files of values at ve
 
 /// Compute the moments of samples for fits, in bounded memory and in parts that can be added
 ///
-/// A fit only needs the moments of its samples. Their size depends on the degree, not on the number of samples. This
-/// verb reads tables of samples once, in chunks. From the moments, `spharm fit --moments` makes models of any degree up
-/// to --max-degree. Parts of the data can be read separately, with --shard; `spharm moments merge` adds their moments.
+/// A fit needs only the moments of its samples. The size of the moments depends on the degree, not on the number of
+/// samples. This verb reads tables of samples once, in chunks. From the moments, `spharm fit --moments` makes models of
+/// any degree up to --max-degree. With --shard, parts of the data can be read separately. `spharm moments merge` adds
+/// the moments of the parts.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = help::examples(
@@ -78,7 +79,7 @@ pub(super) struct Form {
     pub(super) positions: PositionArgs,
     /// Columns of the values, one per channel
     ///
-    /// With --vectors, `radius` stands for the length of the vectors.
+    /// With --vectors, the column `radius` is the length of the vectors.
     #[arg(long, value_name = "COLUMN", num_args = 1.., required = true, help_heading = INPUT)]
     values: Vec<String>,
     /// Column of the weights [default: all are 1]
@@ -109,18 +110,18 @@ pub(super) struct PositionArgs {
     lonlat: Option<Vec<String>>,
     /// Columns of x, y and z [default: x y z, or lon lat, or theta phi, as available]
     ///
-    /// Unit vectors, or vectors of any length with --values radius.
+    /// The vectors must be unit vectors. With --values radius, they may have any length.
     #[arg(long, value_names = ["X", "Y", "Z"], num_args = 3, group = "positions", help_heading = INPUT)]
     vectors: Option<Vec<String>>,
     /// Sphere with the samples at its vertices, one row per vertex
     ///
-    /// Each table has the values at all vertices, in their order. The sphere is a mesh of any radius, centred at the
-    /// origin, or a CSV of theta,phi in radians.
+    /// Each table has one row for each vertex, in the order of the vertices. The sphere is a mesh of any radius,
+    /// centred at the origin, or a CSV of theta,phi in radians.
     #[arg(long, value_name = "SPHERE", group = "positions", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Icosphere with the samples at its vertices, one row per vertex
     ///
-    /// N subdivisions give 10 4^N + 2 vertices.
+    /// N subdivisions give 10 * 4^N + 2 vertices.
     #[arg(
         long,
         value_name = "N",
@@ -159,11 +160,11 @@ pub(super) struct OutputArgs {
 }
 
 impl Form {
-    /// Returns the requested columns. `vertices` are the directions of the sphere's vertices if the samples are given
-    /// at them.
+    /// Returns the requested columns. `vertices` are the directions of the sphere's vertices, if the samples are at
+    /// these vertices.
     pub(super) fn columns(&self, vertices: Option<Directions>) -> Columns {
         let PositionArgs { angles, lonlat, vectors, centre, .. } = &self.positions;
-        // clap has checked the number of values of each option.
+        // clap has already checked the number of values of each option.
         let positions = match (angles.as_deref(), lonlat.as_deref(), vectors.as_deref()) {
             (Some([theta, phi]), ..) => Some(Positions::Angles([theta.clone(), phi.clone()])),
             (_, Some([lon, lat]), _) => Some(Positions::LonLat([lon.clone(), lat.clone()])),

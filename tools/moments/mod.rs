@@ -79,7 +79,7 @@ fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Opt
 fn add(cli: &Merge, console: &Console) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
-    // Memory of the sum, and of the part being added to it.
+    // Memory for the sum of the parts' moments, and for the part that is being added to the sum.
     let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
     cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
     let names: Vec<_> = cli.parts.iter().map(|path| path.display().to_string()).collect();

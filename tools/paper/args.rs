@@ -21,7 +21,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Folder with the paper's surfaces
     ///
-    /// It may contain cort40962, head27618, the hippocampi hippo_a01_l to hippo_a03_l, and reference.json.
+    /// The folder may contain cort40962, head27618, the hippocampi hippo_a01_l to hippo_a03_l, and reference.json.
     #[arg(long, value_name = "DIR", conflicts_with = "quick", help_heading = INPUT)]
     pub(super) data: Option<PathBuf>,
     /// Folder of the results; created if it doesn't exist

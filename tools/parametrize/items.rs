@@ -120,7 +120,7 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
     Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
 }
 
-/// Returns the default path of the surface beside a sphere, such as `x.ply` for `x.sphere.ply`.
+/// Returns the default path of the surface that is written next to a sphere, such as `x.ply` for `x.sphere.ply`.
 fn beside(sphere: &Path) -> Option<PathBuf> {
     let name = sphere.file_name()?.to_string_lossy().into_owned();
     let (stem, ending) = name.split_once(".sphere.")?;
@@ -130,7 +130,7 @@ fn beside(sphere: &Path) -> Option<PathBuf> {
 fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> {
     let folders = [Some((&cli.output, "--output")), cli.surface_output.as_ref().map(|path| (path, "--surface-output"))];
     for (path, flag) in folders.into_iter().flatten() {
-        // A path that ends in a known format names a file, not a folder.
+        // A path with the extension of a known format is the path of a file, not of a folder.
         if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
             bail!(
                 "{}: one file can't hold the results of {} surfaces; {flag} must name a folder",

@@ -74,7 +74,7 @@ impl From<&VolumeSurface> for Label {
     }
 }
 
-/// Distance from the input's surface to the new one, in the input's unit.
+/// Distance from the input's surface to the new surface, in the input's unit.
 #[derive(Debug, Serialize)]
 struct Distance {
     mean: f64,

@@ -10,7 +10,8 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and show the distance between them in colour
 ///
-/// All panels show the same region at the same scale; --centre and --fit-each move the surfaces into this region.
+/// All panels show the same region of space at the same scale. --centre and --fit-each move the surfaces into this
+/// region.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -25,14 +26,14 @@ use spharm_render::View;
 pub(crate) struct Cli {
     /// Surfaces, in the order of the panels: meshes or models
     ///
-    /// Files, folders (all their models), or @LIST with one path per line.
+    /// Give files, folders (for all models in them), or @LIST for a file LIST with one path per line.
     #[arg(required_unless_present = "test", value_name = "SURFACE")]
     pub(super) surfaces: Vec<PathBuf>,
     /// Show the result of `spharm shape test` in a folder: mean, effect, statistic and p values
     ///
-    /// A line separates the vertices with p values of at most the test's level from the others; the text beneath the
-    /// picture gives their number. The p values are family-wise, from TFCE if the test included TFCE; for a test
-    /// without relabellings, they are false-discovery rates.
+    /// A line separates the vertices whose p values are at most the test's level from the other vertices. The text
+    /// beneath the picture states the number of vertices with such p values. The p values are family-wise, from TFCE if
+    /// the test included TFCE. For a test without relabellings, false-discovery rates are shown instead.
     #[arg(
         long,
         value_name = "FOLDER",
@@ -42,8 +43,8 @@ pub(crate) struct Cli {
     pub(super) test: Option<PathBuf>,
     /// Add a panel with the sphere of the first surface
     ///
-    /// The panel comes after that of the first surface. It is coloured by the logarithm of the area that the map to the
-    /// sphere assigns to each part of the surface.
+    /// The panel comes after the panel of the first surface. The sphere is coloured by the logarithm of the area that
+    /// the map to the sphere assigns to each part of the surface.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Add a panel with the last surface coloured by its distance from the first
@@ -55,11 +56,12 @@ pub(crate) struct Cli {
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `spharm shape test`. If any value
-    /// is negative, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the
-    /// colours at the ends of the scale, and the label of the scale says so. Otherwise colours range from the minimum
-    /// to the maximum. --range overrides these ranges. For p values, in files called p, q or p-NAME, -log10 of the
-    /// value is shown, so significant values have the colours at the upper end of the scale.
+    /// A map is a file of one value per vertex, such as `spharm shape measure` and `spharm shape test` write. If any
+    /// value is negative, the colours are symmetric about 0, from blue to red. Values beyond twice the 99th percentile
+    /// then have the colours at the ends of the scale, and the label of the scale states their number. Otherwise, the
+    /// colours range from the minimum to the maximum of the values. --range overrides these ranges. For p values, in
+    /// files called p, q or p-NAME, the picture shows -log10 of each value. Significant values then have the colours at
+    /// the upper end of the scale.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
     /// Map whose contour line at --contour-level is drawn on the first surface and on its maps
@@ -75,7 +77,7 @@ pub(crate) struct Cli {
     /// or `spharm shape measure`
     ///
     /// The surfaces' paths or names are in the column `model` or, if there is no such column, in the first column. A
-    /// warning is given if the column has the paths of other files of the same names.
+    /// warning is given if the column contains the paths of other files with the same names.
     #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, conflicts_with = "map", help_heading = INPUT)]
     pub(super) colour_by: Option<(PathBuf, String)>,
     /// Move the centres of all surfaces to the centre of the first surface
@@ -100,7 +102,7 @@ pub(crate) struct Cli {
     pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels
     ///
-    /// With --dpi, panels are higher if their text needs it.
+    /// With --dpi, panels are higher if their text needs more space.
     #[arg(
         long,
         value_name = "PIXELS",
@@ -112,13 +114,13 @@ pub(crate) struct Cli {
     /// Resolution in dots per inch, which determines the picture's size on paper
     ///
     /// At 300 dpi, 1063 pixels are 90 mm. The picture's width in pixels is --size times the number of panels in a row.
-    /// Text is at least 7 pt high on paper, and is broken into lines if it is wider than its panel; if a text has more
-    /// than six lines, its middle is left out.
+    /// Text is at least 7 pt high on paper. Text that is wider than its panel is broken into lines. If a text has more
+    /// than six lines, its middle is omitted.
     #[arg(long, value_name = "DPI", value_parser = clap::value_parser!(u16).range(30..=2400), help_heading = OUTPUT)]
     pub(super) dpi: Option<u16>,
     /// Picture to write
     ///
-    /// In SVG, captions and numbers are text that can be edited; the surfaces are an embedded PNG.
+    /// In an SVG file, captions and numbers are text that can be edited, and the surfaces are an embedded PNG image.
     #[arg(short, long, value_name = "OUT.png|OUT.svg", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Replace an existing output

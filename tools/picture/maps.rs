@@ -19,7 +19,7 @@ const LARGEST_DESCRIPTION: u64 = 64 << 20;
 /// Default level of contours of p values.
 const LEVEL: f64 = 0.05;
 
-/// What a picture shows: surfaces, maps on the first of them, and the map along which a line is drawn.
+/// Contents of a picture: surfaces, maps on the first surface, and the map whose contour line is drawn.
 pub(super) struct Content {
     pub(super) surfaces: Vec<PathBuf>,
     pub(super) maps: Vec<MapFile>,
@@ -67,7 +67,7 @@ impl Content {
             let files = ["shape.gii", "mgh"].map(|ending| folder.join(format!("{name}.{ending}")));
             files.into_iter().find(|path| path.is_file())
         };
-        // The other statistics, such as F, have no sign.
+        // The statistics t and v have a sign. Other statistics, such as F, are never negative.
         let has_sign = |name: &str| name == "effect" || name == "statistic" && ["t", "v"].contains(&statistic.as_str());
         let map = |name: &str, caption: &str, label: String| {
             file(name).map(|path| MapFile { path, caption: caption.to_owned(), label, signed: has_sign(name) })
@@ -101,7 +101,8 @@ impl MapFile {
     /// Reads a map to be shown in colours.
     pub(super) fn read(self, surface: &Mesh, range: Option<(f64, f64)>) -> Result<Coloured> {
         let values = read_map(&self.path, surface)?;
-        // p values are shown as -log10 p, so that the smallest values get the last colours, as on a page.
+        // p values are shown as -log10 p, so that the smallest p values get the colours at the upper end of the scale,
+        // as on pages made by `spharm report`.
         let (values, own) = if self.is_probability() {
             significance(&values)
         } else {
@@ -117,7 +118,7 @@ impl MapFile {
 /// A map to be shown in colours.
 pub(super) struct Coloured {
     pub(super) values: Vec<f64>,
-    /// Values with the first and the last colour.
+    /// Values that are shown in the first and in the last colour.
     pub(super) range: (f64, f64),
     /// Text beneath the colour scale.
     pub(super) label: String,
@@ -139,7 +140,7 @@ pub(super) struct ContourMap {
 }
 
 impl ContourMap {
-    /// Reads a map, and warns if it has no line at the level.
+    /// Reads a map, and warns if the map has no contour line at the level.
     pub(super) fn read(map: MapFile, level: Option<f64>, surface: &Mesh, console: &Console) -> Result<Self> {
         let path = map.path.display();
         let values = read_map(&map.path, surface)?;
@@ -172,8 +173,8 @@ impl ContourMap {
         crosses.then_some(Contour { values: &self.values, level: self.level })
     }
 
-    /// Returns the text beneath the picture. It gives the number of values on one side of the line, because the line
-    /// may surround the places on either side.
+    /// Returns the text beneath the picture. The contour line may surround the vertices with higher values or those
+    /// with lower values, so the text also states how many vertices have the lower values.
     pub(super) fn note(&self) -> String {
         let (label, stated) = (&self.label, self.stated);
         if self.line().is_some() {

@@ -183,7 +183,8 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     budget.check_or(what, needed(cli.size), smaller)
 }
 
-/// Returns the range of the colours for `numbers`, one per surface: their own range, widened if all are equal.
+/// Returns the range of the colours for `numbers`, which has one number per surface: the range of these numbers,
+/// widened if all numbers are equal.
 fn colours_of(numbers: &[f64]) -> (f64, f64) {
     match numbers.first() {
         Some(&one) if numbers.iter().all(|number| *number == one) => {

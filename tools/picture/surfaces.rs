@@ -84,7 +84,8 @@ fn is_other_file(table: &Path, cell: &str, surface: &Path) -> bool {
     let paths = [PathBuf::from(cell), folder.join(cell)];
     let found: Vec<PathBuf> =
         paths.iter().filter(|path| path.is_file()).filter_map(|path| path.canonicalize().ok()).collect();
-    // Copies under other names, such as reconstructions, and aligned copies, have the table of their originals.
+    // A table of original surfaces may also be used for their copies: for files of other names, such as
+    // reconstructions, and for aligned models.
     let same_name = |path: &PathBuf| path.file_name() == surface.file_name() && !is_copy(path, surface);
     surface.canonicalize().is_ok_and(|own| !found.contains(&own)) && found.iter().any(same_name)
 }

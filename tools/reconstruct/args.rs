@@ -10,8 +10,9 @@ use spharm_cli::threads::Threads;
 
 /// Evaluate models at the vertices of any sphere
 ///
-/// Without further options, the result is a smoothed version of the fitted surface. A lower --max-degree makes it
-/// coarser; --icosphere or --sphere puts it on another mesh. A model of a signal gives a signal.
+/// Without further options, the result is a smoothed version of the fitted surface. A lower --max-degree gives a
+/// coarser surface. --icosphere or --sphere gives a surface with another mesh. From a model of a signal, the result is
+/// a signal.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -24,7 +25,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all their .npz files), or @LIST with one path per line.
+    /// Give files, folders (for all .npz files in them), or @LIST for a file LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required_unless_present = "model", help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
     /// Another way to give MODEL.spharm.npz
@@ -69,13 +70,13 @@ pub(super) struct Sampling {
     pub(super) sphere: Option<PathBuf>,
     /// Evaluate at the vertices of an icosphere
     ///
-    /// N subdivisions give 10 4^N + 2 vertices.
+    /// N subdivisions give 10 * 4^N + 2 vertices.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=12), help_heading = METHOD)]
     pub(super) icosphere: Option<u32>,
     /// Evaluate at the fitted vertices; the default
     ///
-    /// If the surface's handles were cut (--cut-handles), the fillings are omitted and the seams welded, which
-    /// restores the handles. With --sphere and the sphere of the cut surface, the result is the cut surface.
+    /// If the surface's handles were cut (--cut-handles), the handles are restored: the fillings are omitted and the
+    /// seams are welded. To obtain the cut surface itself, give the sphere of the cut surface with --sphere.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,
 }

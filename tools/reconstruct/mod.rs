@@ -54,7 +54,7 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
             Ok(Some(read_sphere(path, false, console)?))
         }
         (None, Some(subdivisions)) => {
-            // Use a lower bound of the memory, since the models haven't been read yet.
+            // Use a lower bound of the memory, because the models haven't been read yet.
             let smallest = |subdivisions| on_icosphere(subdivisions, 1, 0);
             let fewer = (0..subdivisions).rev().map(|fewer| (format!("--icosphere {fewer}"), smallest(fewer)));
             let vertices = icosphere_counts(subdivisions)[0];
@@ -115,7 +115,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
     };
     if let Some(given) = shared {
         warn_of_hemispheres(&model, &item.model, given, console);
-        // On its own sphere, the model is evaluated without the caps.
+        // No warning is needed on the model's own sphere, because the caps that fill the cuts are omitted there.
         if let Some(text) = cut_handles(&model).filter(|_| model.kind() == Kind::Surface) {
             console.warn(format!("{}: {text}", named()));
         }
@@ -174,16 +174,17 @@ fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Co
     }
 }
 
-/// Step between 32-bit coordinates above which a warning is given, as a fraction of the bounding box's diagonal.
+/// A warning is given if the step between adjacent 32-bit coordinates exceeds this fraction of the bounding box's
+/// diagonal.
 const COARSE: f64 = 1e-4;
 
 /// Warns if a file's 32-bit numbers are too coarse for a surface that is far from the origin or very small. `double`
-/// says whether 64 bits are requested.
+/// states whether 64 bits are requested.
 fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, bool), console: &Console) {
     let (low, high) = bounds(mesh.vertices.iter().copied());
     let size = sub(high, low).into_iter().fold(0.0, f64::hypot);
     let largest = mesh.vertices.as_flattened().iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-    // Below the normal range of 32-bit numbers, all steps are as large as the smallest number.
+    // Below the normal range of 32-bit numbers, all steps between numbers are as large as the smallest positive number.
     let step = (largest * f64::from(f32::EPSILON)).max(f64::from(f32::from_bits(1)));
     if format.holds_double(double) || largest == 0.0 || step <= COARSE * size {
         return;
@@ -202,7 +203,7 @@ fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, 
     ));
 }
 
-/// Gap between the sides of a seam above which a warning is given, as a fraction of the bounding box's size.
+/// A warning is given if the gap between the sides of a seam exceeds this fraction of the bounding box's size.
 const WIDE: f64 = 5e-3;
 
 /// Returns the surface at the fitted vertices, with its handles restored if they were cut.

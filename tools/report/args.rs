@@ -10,8 +10,9 @@ use spharm_cli::threads::Threads;
 
 /// Make an interactive page of models, modes and tests for the browser
 ///
-/// The page is one self-contained HTML file. It shows surface, model and distance side by side, at any degree; spectra
-/// and provenance; modes of a group with sliders; maps of a test with thresholds; and tables that a click sorts.
+/// The page is one self-contained HTML file. The page shows surface, model and distance side by side, at any degree;
+/// spectra and provenance; modes of a group with sliders; maps of a test with thresholds; and tables that can be sorted
+/// by a click.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -25,7 +26,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all their .npz files), or @LIST with one path per line.
+    /// Give files, folders (for all .npz files in them), or @LIST for a file LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
     /// Surfaces to compare with the models, in the same order [default: the fitted surfaces]
@@ -52,7 +53,8 @@ pub(crate) struct Cli {
     pub(super) correspondence: Option<PathBuf>,
     /// Quality control of a group's subjects, as `spharm shape check --report` writes it
     ///
-    /// Shown first: a table with the flagged values marked, the worst subject at the top.
+    /// The page begins with this table of subjects, in which the flagged values are marked and the worst subject is at
+    /// the top.
     #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
     pub(super) check: Option<PathBuf>,
     /// Folder of the subjects' pictures, as `spharm shape check --thumbnails` writes it

@@ -50,7 +50,8 @@ pub(super) struct Correspondence {
     pub(super) landmarks: Option<[f64; 2]>,
 }
 
-/// Columns of the members' table: heading, key in the report, factor applied to the value, and number of decimals.
+/// Columns of the table of a group's members: heading, key in the report, factor applied to the value, and number of
+/// decimals.
 const MEMBERS: [(&str, &str, f64, usize); 7] = [
     ("pose distance", "pose_distance", 1.0, 4),
     ("coverage, rms", "cover_rms", 1.0, 4),
@@ -85,7 +86,10 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
             row
         };
         let rows = names.iter().zip(means).enumerate().map(row).collect();
-        let mut columns = vec!["landmark", "mean distance of landmarks carried from subject to subject"];
+        let mut columns = vec![
+            "landmark",
+            "mean distance of the landmark carried from other subjects from the subject's own landmark",
+        ];
         columns.extend(left_out.map(|_| "distance from the landmark's position in the group, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();
         tables.push(Table { title: "Landmarks".to_owned(), columns, rows, note: None });

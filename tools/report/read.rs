@@ -107,7 +107,7 @@ pub(crate) fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String
     let record = model.provenance.input.as_ref().ok_or("the model doesn't record its input")?;
     let input = Path::new(&record.path);
     if record.label.is_some() || is_volume(input) {
-        // The surface around a label of a volume is stored in a file beside the model.
+        // The surface around a label of a volume is stored in a file next to the model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
         let missing =
             || format!("the file is a volume, and its surface {} doesn't exist beside the model", shown(&beside));
@@ -129,8 +129,8 @@ fn report(path: &Path) -> Result<Vec<Value>> {
     }
 }
 
-/// Returns whether an entry of a fit's report describes this model: by the model's file or, if the entry has none, by
-/// its name.
+/// Returns whether an entry of a fit's report describes this model: by the model's file or, if the entry has no file,
+/// by the model's name.
 fn is_of(entry: &Value, model: &Path) -> bool {
     let of = |key: &str| entry.get(key).and_then(Value::as_str);
     let file = |path: &Path| path.file_name().map(std::ffi::OsStr::to_owned);
@@ -184,8 +184,8 @@ fn test(folder: &Path) -> Result<Maps> {
     Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
 }
 
-/// Reads the description of a test in `test.json` as rows of the page's table; empty for folders of earlier versions,
-/// which have no such file.
+/// Reads the description of a test in `test.json` as rows of the page's table. Returns no rows for a folder written by
+/// an earlier version, which has no such file.
 fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     let path = folder.join(ABOUT);
     if !path.is_file() {
@@ -230,7 +230,7 @@ fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     row("Statistic", format!("{welch}{name}, {}{more} degrees of freedom", freedom.join(", ")));
     let shown = [("variance_groups", "Variances by"), ("mask", "Mask"), ("surface", "Shown on"), ("map", "Map of p")];
     for (key, name) in shown {
-        // Several masks are a list.
+        // Several masks are recorded as a list, a single mask as a string.
         let values = about[key].as_str().map_or_else(|| list(&about[key]), |value| vec![value.to_owned()]);
         if !values.is_empty() {
             row(name, values.join(", "));

@@ -17,7 +17,7 @@ pub(super) const LARGEST_TABLE: u64 = 64 << 20;
 /// Maximum number of clusters in a table of the page.
 const MOST: usize = 20;
 
-/// Reads the tables of each test, measures before clusters. A test may have none of them.
+/// Reads the tables of each test, measures before clusters. A test may have neither table.
 pub(super) fn tables(folders: &[PathBuf], page: &Path) -> Result<Vec<Table>> {
     let mut tables = Vec::new();
     for folder in folders {
@@ -60,8 +60,8 @@ fn of_measures(mut read: Table) -> Table {
     read
 }
 
-/// Returns the page's table of clusters: the first rows of a table read from `file`, with headings in words. Directions
-/// are omitted if there are positions.
+/// Returns the page's table of clusters: the first rows of a table read from `file`, with headings in words. The
+/// columns of directions are omitted if the table has columns of positions.
 fn of_clusters(read: Table, file: &str) -> Table {
     let has_positions = read.columns.iter().any(|name| name == "x");
     let left_out: &[&str] = if has_positions { &["unit", "ux", "uy", "uz"] } else { &["unit"] };
@@ -69,7 +69,7 @@ fn of_clusters(read: Table, file: &str) -> Table {
     let keep = |cells: Vec<String>| -> Vec<String> {
         cells.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(cell, _)| cell).collect()
     };
-    // All rows have the same unit. Tables of earlier versions don't name it.
+    // All rows have the same unit of area. Tables written by earlier versions don't state the unit.
     let unit = read.columns.iter().position(|name| name == "unit");
     let unit = unit.and_then(|at| read.rows.first()?.get(at).cloned());
     let area = match unit.as_deref().unwrap_or(if has_positions { "length^2" } else { "1" }) {

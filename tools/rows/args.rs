@@ -16,28 +16,29 @@ pub(crate) struct CohortArgs {
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end
     ///
-    /// The exit status is then 1. Models of the other surfaces don't depend on the failures.
+    /// If a surface fails, the exit status is 1. The models of the other surfaces don't depend on the failures.
     #[arg(long)]
     pub(crate) keep_going: bool,
     /// Append the outcome of each row to a table
     ///
-    /// Tab-separated: id, state (done, skipped, failed, interrupted), msd, xsd, seconds, error, output. A row's line is
-    /// written when the row is finished; if a row has several lines, the last one is used. Each shard needs its own
-    /// file; `spharm status` combines the files.
+    /// The table is tab-separated and has the columns id, state (done, skipped, failed, interrupted), msd, xsd,
+    /// seconds, error and output. A row's line is written when the row is finished; if a row has several lines, only
+    /// the last line is used. Each shard needs its own file; `spharm status` combines the files.
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
     /// Report the work to be done, without doing it
     ///
-    /// Checks all existing models, and reads the first surfaces and spheres; if the fits need a basis store, all
-    /// spheres are read, and the store and the memory are checked for each. Of the other files, at most the first bytes
-    /// are read: the files must exist, and FreeSurfer and PLY files must have as many vertices as their spheres. Other
-    /// errors in these files are found only by the fit. The exit status is 1 if rows would fail.
+    /// Checks all existing models, and reads the first surfaces and spheres. If the fits need a basis store, all
+    /// spheres are read, and the store and the memory are checked for each sphere. From all other files, at most the
+    /// first bytes are read, to check that the files exist and that FreeSurfer and PLY files have as many vertices as
+    /// their spheres. Other errors in these files are found only by the fit itself. The exit status is 1 if any row
+    /// would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
     /// Format of the lines on stderr: text, or one JSON object per line
     ///
-    /// Each row has events: start, then done, failed, skipped or interrupted. The events note, warning, progress and
-    /// error contain a text; the event end contains the counts.
+    /// Each row has the event start, followed by done, failed, skipped or interrupted. The events note, warning,
+    /// progress and error contain a text; the event end contains the counts.
     #[arg(long, value_enum, value_name = "text|json", default_value = "text", hide_possible_values = true)]
     pub(crate) log: Log,
 }

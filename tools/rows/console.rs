@@ -39,7 +39,7 @@ pub(crate) struct Rows<'a> {
     rows: usize,
     /// Whether the first failure becomes the error of the call, so that failures aren't printed one by one.
     alone: bool,
-    /// Whether a later step aligns models that don't correspond.
+    /// Whether a later step aligns the models, so that models that don't correspond yet are no reason for a warning.
     aligned_later: bool,
     summary: Mutex<Summary>,
     /// The first [`PRINTED`] warnings, to repeat them at the end.
@@ -132,12 +132,13 @@ impl Summary {
         self.states.get(&state).copied().unwrap_or(0)
     }
 
-    /// Numbers of rows by state, in the order of [`State::ALL`].
+    /// Returns the number of rows in each state, in the order of [`State::ALL`].
     pub(super) fn counts(&self) -> impl Iterator<Item = (State, usize)> {
         State::ALL.into_iter().map(|state| (state, self.count(state)))
     }
 
-    /// Returns the mean and the maximum of msd, and of xsd, over all fits.
+    /// Returns the mean and the maximum, over all fits, of msd (mean squared distance) and of xsd (maximal squared
+    /// distance).
     pub(super) fn distances(&self) -> [serde_json::Value; 2] {
         [self.msd.report(), self.xsd.report()]
     }
@@ -229,8 +230,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Prints a note about one surface. In a run of several surfaces the note is only a detail, because each surface
-    /// gets a line when it is finished.
+    /// Prints a note about one surface. In a run of several surfaces, the note is printed only as a detail, because
+    /// each surface gets its own line when it is finished.
     fn note(&self, text: impl std::fmt::Display) {
         if self.rows == 1 { self.console.note(text) } else { self.console.detail(text) }
     }

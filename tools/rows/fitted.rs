@@ -25,7 +25,7 @@ pub(super) struct Fitted {
     /// Number of vertices that were ignored, because of a mask or because they have no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unread: Option<usize>,
-    /// Report on the sphere made for a surface that was given without one.
+    /// Report on the sphere that was made for a surface without a given sphere.
     #[serde(skip_serializing_if = "Option::is_none")]
     parametrization: Option<Mapping>,
 }
@@ -111,10 +111,10 @@ impl Columns {
     pub(super) fn units(self) -> String {
         let units = if self.surface {
             "rms, 95 %, hausdorff: distances between model and surface in both directions, in the input's unit; msd, \
-             xsd: squared distances at the vertices, bounding box scaled to volume 1"
+             xsd: mean and largest squared distance at the vertices, bounding box scaled to volume 1"
         } else {
-            "msd, xsd: squared distances, bounding box scaled to volume 1; rms, max: distances in the input's unit; \
-             between: rms at the centres of triangles"
+            "msd, xsd: mean and largest squared distance, bounding box scaled to volume 1; rms, max: root mean square and \
+             largest distance, in the input's unit; between: rms at the centres of triangles"
         };
         let held_out = if self.held_out { "; rms held out: at the held-out vertices, in the input's unit" } else { "" };
         format!("{units}{held_out}")

@@ -50,7 +50,8 @@ pub(crate) fn set_log(cohort: &CohortArgs) {
 ///
 /// # Errors
 ///
-/// If rows fail: with `keep_going` after all rows have been fitted, otherwise at the first failure.
+/// If rows fail. With `keep_going`, the error is returned after all rows have been fitted, otherwise at the first
+/// failure.
 pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, started: Instant) -> Result<()> {
     let console = monitor.console();
     check_outputs(options.report.iter().map(|path| OutputFile::new(path, "--report")), options.replaces_report())?;
@@ -132,8 +133,9 @@ fn finish(
     }
 }
 
-/// Returns the icosphere on which models of a degree are evaluated, or an error if memory doesn't suffice. In the
-/// error, `option` is the text before the number of subdivisions: the verb and the option that sets them.
+/// Returns the icosphere on which models of a degree are evaluated, or an error if memory doesn't suffice. `option` is
+/// the verb and the option that sets the number of subdivisions. The error states this text before the number of
+/// subdivisions.
 pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
     let needed = |subdivisions: u32| {
         let [vertices, faces] = icosphere_counts(subdivisions);

@@ -57,7 +57,7 @@ pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value 
     Value::Object(report)
 }
 
-/// Writes the report to its file, if it has one.
+/// Writes the report to a file, if a file was requested.
 pub(super) fn write(options: &Options, report: &Value) -> Result<()> {
     let Some(path) = &options.report else { return Ok(()) };
     write_json(path, options.replaces_report(), report)

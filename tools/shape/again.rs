@@ -1,7 +1,7 @@
 //! Writes the outputs of a resumed run, some of which the interrupted run may have written already.
 //!
-//! A resumed run produces the same bytes as an uninterrupted one. So an existing file with the same bytes is an output
-//! of the interrupted run and is kept. Any other existing file isn't, and is only replaced with `--force`.
+//! A resumed run produces the same bytes as an uninterrupted run. Therefore, an existing file with the same bytes is an
+//! output of the interrupted run and is kept. An existing file with other bytes is replaced only with `--force`.
 
 use std::path::Path;
 
@@ -50,7 +50,7 @@ impl Again {
         self.force || self.resumed
     }
 
-    /// Writes a model. A resumed run keeps an existing file with the same bytes, and refuses a different one.
+    /// Writes a model. A resumed run keeps an existing file with the same bytes, and refuses a file with other bytes.
     pub(super) fn write(self, path: &Path, model: &Model) -> Result<()> {
         if self.resumed && !self.force && path.exists() {
             let mut bytes = Vec::new();
@@ -61,7 +61,7 @@ impl Again {
         Ok(model.write_with(path, self.force)?)
     }
 
-    /// Writes JSON. A resumed run keeps an existing file with the same bytes, and refuses a different one.
+    /// Writes JSON. A resumed run keeps an existing file with the same bytes, and refuses a file with other bytes.
     pub(super) fn write_json(self, path: &Path, value: &Value) -> Result<()> {
         let text = format!("{}\n", printable::json(&serde_json::to_string_pretty(value)?));
         if self.resumed && !self.force && path.exists() {
@@ -71,8 +71,8 @@ impl Again {
         Ok(write_new(path, self.force, |out| out.write_all(text.as_bytes()))?)
     }
 
-    /// Returns whether the report may replace an existing one. A resumed run may replace a report of the same models:
-    /// only the seconds in it differ.
+    /// Returns whether the report may replace an existing one. A resumed run may replace a report of the same models,
+    /// because only the times in the report differ.
     pub(super) fn replaces_report(self, path: Option<&Path>, models: &Value) -> bool {
         let Some(path) = path.filter(|path| self.resumed && !is_stdout(path)) else { return self.force };
         let there =

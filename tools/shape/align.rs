@@ -32,11 +32,11 @@ use super::plan::Plan;
 
 /// Align surface models or meshes to a target, or a group to its mean
 ///
-/// Finds the rotations of space and of the parameters that bring surfaces closest to each other, by a search over all
+/// Finds the rotations of space and of the parameters that bring surfaces closest to each other. The search covers all
 /// rotations, so the result doesn't depend on the initial pose. With --group, the group is aligned to its mean
-/// (generalised Procrustes analysis); the mean is finally centred at the origin, in the frame of its first-order
-/// ellipsoid. Mirror images are matched only with --mirror. Meshes of any topology, given in place of models, are
-/// aligned by nearest points and written in their own formats.
+/// (generalised Procrustes analysis). The mean is centred at the origin, in the frame of its first-order ellipsoid.
+/// Mirror images are matched only with --mirror. Meshes of any topology, given in place of models, are aligned by
+/// nearest points and written in their own formats.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -76,7 +76,7 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Models to mirror before the alignment (x to -x, surface and sphere), such as right hemispheres among left ones
+    /// Models to mirror first (x to -x, surface and sphere), such as right hemispheres among left hemispheres
     ///
     /// The transforms include the reflection.
     #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
@@ -86,7 +86,7 @@ pub(super) struct Cli {
     /// The transforms are applied to all degrees.
     #[arg(short = 'L', long = "max-degree", alias = "degree", value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
-    /// Number of local optima of the search to refine [default: 6, or 3 for a group]
+    /// Number of local optima from which the alignment is refined [default: 6, or 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     starts: Option<usize>,
     /// Number of members from which the alignment of a group is started [default: all if at most 20, otherwise 5]
@@ -109,9 +109,9 @@ pub(super) struct Cli {
     for_comparison: bool,
     /// File that stores progress, so that an interrupted run can be resumed
     ///
-    /// Run the same command again to resume where the last run stopped: the results are the same to the bit, and the
-    /// file is removed at the end. Results that the last run had already written are kept. The file is valid only for
-    /// these models and settings.
+    /// To resume an interrupted run, run the same command again. The results are bitwise equal to those of an
+    /// uninterrupted run, and the file is removed at the end. Results already written are kept. The file is valid only
+    /// for these models and settings.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]
@@ -373,7 +373,7 @@ fn together(
     };
     let mut own: Vec<String> =
         report.warnings.iter().map(|warning| named(warning, &|path: &Path| shown(path))).collect();
-    // The quality control of a study compares the sizes of the models itself.
+    // Omit warnings about sizes, because the quality control of a study compares the sizes itself.
     let of_poses = report.warnings.iter().filter(|warning| !matches!(warning, ProcrustesWarning::Unit(_)));
     let named_warnings = of_poses.map(|warning| named(warning, &model_name)).collect();
     own.extend(equal_models(&members, paths, |path| shown(path)));

@@ -32,7 +32,7 @@ pub(super) struct Asked<'a> {
     pub(super) resources: &'a Resources,
 }
 
-/// Rigid motions of the meshes, with their scales, and their distances before and after.
+/// Rigid motions and scales of the meshes, and the meshes' distances before and after the alignment.
 struct Found {
     motions: Vec<Similarity>,
     distances: Vec<[Option<f64>; 2]>,
@@ -69,8 +69,9 @@ pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Resul
     }
 }
 
-/// Returns whether a file holds coefficients of another package, by its name. Other packages' files have extensions
-/// that files of points or meshes may have, too, such as `.txt`.
+/// Returns whether a file holds coefficients of another package, judging by the file's name. Only the extensions of
+/// SPHARM-PDM and SPHARM-MAT are considered, because other packages use extensions, such as `.txt`, that files of
+/// points or meshes may have too.
 fn are_coefficients(path: &Path) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
     [Format::Pdm, Format::Mat].iter().flat_map(|format| format.endings()).any(|ending| name.ends_with(ending))

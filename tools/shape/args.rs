@@ -23,8 +23,8 @@ use super::plan::Plan;
 pub(super) struct Models {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all .npz files in them, except the mean of a group written by `shape correspond`), or @LIST with
-    /// one path per line.
+    /// Give files, folders (for all .npz files in them, except the mean of a group written by `shape correspond`), or
+    /// @LIST for a file LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
 }
@@ -43,7 +43,8 @@ impl Models {
 
 /// Returns the paths of the given models, and checks that all of them exist.
 pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    // The mean in the folder of a group isn't a member. It can be given by its path.
+    // Skip the mean in the folder of a group, because the mean isn't a member. A mean that is given by its own path is
+    // kept.
     let files = expand_to(models, ".npz", |file| !is_mean_of_group(file))?;
     match files.iter().find(|file| !file.exists()) {
         Some(missing) => bail!("{}: no such file or folder", missing.display()),
@@ -51,7 +52,7 @@ pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     }
 }
 
-/// Returns whether a file is the mean that `shape correspond` writes beside the members of a group.
+/// Returns whether a file is the mean that `shape correspond` writes next to the members of a group.
 fn is_mean_of_group(file: &Path) -> bool {
     file.file_name().is_some_and(|name| name == "mean.spharm.npz") && file.with_file_name("group.json").is_file()
 }
@@ -126,8 +127,8 @@ pub(super) struct Sampling {
 
 impl Sampling {
     /// Returns the sphere on which all models are evaluated, or `None` if each is evaluated on its own sphere. `needed`
-    /// computes the bytes of memory from the sphere's numbers of vertices and triangles; a sphere that exceeds the
-    /// budget is refused.
+    /// computes the bytes of memory from the sphere's numbers of vertices and triangles. A sphere that needs more than
+    /// the budget is refused.
     pub(super) fn within(
         &self,
         plan: &Plan,

@@ -21,8 +21,8 @@ use super::outputs::finish;
 /// Carry landmarks from one member of a group to the corresponding positions on another member, or on all others
 ///
 /// Each member's landmarks are in the frame of the file from which the member was read. If a landmark has no
-/// counterpart on one of the two members, its new position is only a guess: the landmark is then listed by name, and
-/// `reached` is false in the report.
+/// counterpart on one of the two members, its new position is only a guess. Such landmarks are listed by name, and
+/// `reached` is false for them in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -85,7 +85,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
     check_files([cli.landmarks.as_path()], written, cli.report.force)?;
-    // Hold only one target in memory besides the source, since a group may have any number of members.
+    // Hold only one target in memory in addition to the source, because a group may have any number of members.
     let first = files.members(&[source])?;
     let surface = Mesh::new(first.places[0].clone(), first.template.sphere.faces.clone());
     let own = first.similarities[0].inverse().apply_mesh(&surface);

@@ -23,9 +23,9 @@ use super::plan::Plan;
 /// Group models by shape, in any pose
 ///
 /// Compares models by the singular values of each degree, which don't depend on pose, and merges the most similar ones
-/// step by step (Ward's linkage). The table has each model's cluster (cluster 1 is the largest) and silhouette: near 1
-/// if the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if
-/// it is nearer to another cluster.
+/// step by step (Ward's linkage). The table states each model's cluster (cluster 1 is the largest) and silhouette. The
+/// silhouette is near 1 if the model is much nearer to its own cluster than to the next, near 0 if the model is between
+/// two clusters, and below 0 if the model is nearer to another cluster.
 ///
 /// Fit meshes with `spharm fit --area 0`: by default, maps also depend on the triangles, and clusters may group models
 /// by the resolution of their meshes instead of by shape.
@@ -53,9 +53,9 @@ pub(super) struct Cli {
     unit_size: bool,
     /// Quantity by which models are compared
     ///
-    /// distance: a lower bound of the distance at equal directions, in any pose; low degrees contribute most.
-    /// standardized: each singular value is divided by its standard deviation, so that fine detail weighs as much as
-    /// coarse shape, and so do small differences between maps.
+    /// distance: a lower bound, for any pose, of the distance between points at equal directions; low degrees
+    /// contribute most. standardized: each singular value is divided by its standard deviation; fine detail and small
+    /// differences between maps then weigh as much as coarse shape.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Table to write
@@ -67,7 +67,7 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Mean silhouette below which the models have hardly any cluster structure.
+/// Mean silhouette below which the models have almost no cluster structure.
 const HARDLY: f64 = 0.25;
 
 /// Runs the subcommand.
@@ -146,7 +146,8 @@ fn sizes(found: &Clusters) -> Vec<usize> {
     sizes
 }
 
-/// Returns the text of the table, with a row for each model: by its name, or by its path if models have equal names.
+/// Returns the text of the table, with a row for each model. A row states the model's name, or the model's path if
+/// several models have the same name.
 fn table(cli: &Cli, paths: &[PathBuf], found: &Clusters) -> String {
     let names: Vec<String> = paths.iter().map(|path| model_name(path)).collect();
     let different = names.iter().collect::<HashSet<_>>().len() == names.len();

@@ -23,14 +23,15 @@ use super::plan::Plan;
 /// Compress models to a given accuracy or file size
 ///
 /// Coefficients are rounded to multiples of a step and encoded; `spharm shape expand` restores models from the files.
-/// Give the step, the maximum size of a file, or the distance to allow: the root mean square distance between the
-/// surfaces of the model and of the compressed model, measured in both directions, with the bounding box scaled to
-/// volume 1. For signals, distance and step are fractions of each channel's standard deviation over the sphere.
+/// Give the step, the maximum size of a file, or the maximum distance. This distance is the root mean square distance
+/// between the surfaces of the original and the compressed model, measured in both directions, with the bounding box
+/// scaled to volume 1. For signals, distance and step are fractions of each channel's standard deviation over the
+/// sphere.
 ///
-/// Compression rounds the coefficients, which moves the surface by this distance. Compression also loses the model's
-/// sphere, including the number, the order and the triangles of the vertices. The expanded model can be evaluated on
-/// any sphere (`spharm reconstruct --icosphere N`), but not at the fitted vertices, unless their sphere is given. To
-/// keep the vertices, compress the mesh itself.
+/// The rounding of the coefficients moves the surface. Compression also loses the model's sphere, including the number,
+/// the order and the triangles of the vertices. The expanded model can be evaluated on any sphere (`spharm reconstruct
+/// --icosphere N`), but not at the fitted vertices, unless their sphere is given. To keep the vertices, compress the
+/// mesh itself.
 ///
 /// The beginning of a file holds a coarser model, which `spharm shape expand --prefix` restores.
 #[derive(Debug, Args)]

@@ -19,10 +19,11 @@ use super::plan::Plan;
 
 /// Describe models by rotation-invariant numbers
 ///
-/// One row per model: its size (root mean square distance from its mean position), the power of each degree and the
-/// singular values of each degree's coefficients. These numbers don't change if the surface is rotated, reflected or
-/// translated, or if its sphere is rotated, but they depend on the map to the sphere. To compare models, fit their
-/// meshes with `spharm fit --area 0`: other maps also depend on the triangles. Without --output, the table is printed.
+/// The table has one row per model: the model's size (root mean square distance from its mean position), the power of
+/// each degree and the singular values of each degree's coefficients. These numbers don't change if the surface is
+/// rotated, reflected or translated, or if its sphere is rotated, but they depend on the map to the sphere. To compare
+/// models, fit their meshes with `spharm fit --area 0`: maps made with other settings also depend on the triangles.
+/// Without --output, the table is printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -67,7 +68,8 @@ pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<De
     descriptors(&coefficients).with_context(|| path.display().to_string())
 }
 
-/// Returns the lowest degree of models, at which they are compared, and a warning if others have more degrees.
+/// Returns the lowest degree of the models, up to which they are compared. Also returns a warning if some models have a
+/// higher degree.
 pub(super) fn common_degree<'a>(models: impl IntoIterator<Item = &'a Descriptors>) -> (usize, Option<String>) {
     let degrees: Vec<usize> = models.into_iter().map(Descriptors::max_degree).collect();
     let lowest = degrees.iter().copied().min().unwrap_or(0);

@@ -18,7 +18,7 @@ pub(crate) struct Asked<'a> {
     pub(crate) covariates: &'a [String],
     /// Names of columns whose numbers are codes of levels rather than quantities.
     pub(crate) categorical: &'a [String],
-    /// Name of the column of exchangeability blocks. As a covariate, it has levels even if the blocks' names are
+    /// Name of the column of exchangeability blocks. If it is also a covariate, its values are levels even if they are
     /// numbers.
     pub(crate) blocks: Option<&'a str>,
     /// Whether values are relative to the mean of all subjects, so that no mean can be tested.
@@ -51,7 +51,8 @@ impl Asked<'_> {
         Ok(question)
     }
 
-    /// Returns a column of `categorical` that occurs neither in the effect nor in the covariates, if there is one.
+    /// Returns a column of `categorical` that occurs neither in the effect nor in the covariates, if such a column
+    /// exists.
     pub(crate) fn unused(&self) -> Option<&str> {
         let terms = || self.effect.into_iter().chain(self.covariates.iter().map(String::as_str));
         self.categorical.iter().map(String::as_str).find(|name| !terms().any(|term| parts(term).contains(name)))

@@ -1,4 +1,4 @@
-//! `shape expand`: restores models from compressed ones.
+//! `shape expand`: restores models from compressed models.
 
 use std::path::{Path, PathBuf};
 
@@ -38,7 +38,7 @@ const GZIP: &[u8] = b"\x1f\x8b";
 pub(super) struct Cli {
     /// Compressed models, as `spharm shape compress` writes them
     ///
-    /// Files, folders (all their .sphz files), or @LIST with one path per line.
+    /// Give files, folders (for all .sphz files in them), or @LIST for a file LIST with one path per line.
     #[arg(value_name = "FILE.sphz", required = true, help_heading = INPUT)]
     files: Vec<PathBuf>,
     /// Highest degree to expand [default: the model's degree]
@@ -112,7 +112,8 @@ fn read(path: &Path) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns the output of each file: the named one for a single file, otherwise `NAME.spharm.npz` in the output folder.
+/// Returns the output of each file: the named output for a single file, otherwise `NAME.spharm.npz` in the output
+/// folder.
 fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let output = &cli.output;
     if paths.len() == 1 && paths == cli.files && !output.is_dir() {

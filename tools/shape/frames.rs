@@ -56,7 +56,7 @@ pub(super) fn written(
 ///
 /// # Errors
 ///
-/// If the file can't be read, was written by neither subcommand, or has no transform for a model.
+/// If the file can't be read, wasn't written by `shape align` or `shape correspond`, or has no transform for a model.
 pub(super) fn read(path: &Path, names: &[String]) -> Result<Vec<Similarity>> {
     let shown = path.display();
     let text = read_text(path, "transforms", MOST_OWN)?;

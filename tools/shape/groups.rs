@@ -1,4 +1,4 @@
-//! Reads groups of models up to a common degree, and warns if this drops degrees.
+//! Reads groups of models up to a common degree, and warns if higher degrees are dropped.
 
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,8 @@ pub(super) struct Group {
     pub(super) degree: usize,
     /// Hemisphere of each member; `None` if unknown.
     pub(super) hemispheres: Vec<Option<Hemisphere>>,
-    /// Side of each member: its hemisphere or, if this is unknown, the side by a word or letter in its name.
+    /// Side of each member: its hemisphere or, if the hemisphere is unknown, the side that a word or letter in its name
+    /// states.
     pub(super) sides: Vec<Option<Hemisphere>>,
     pub(super) warnings: Vec<String>,
 }
@@ -80,7 +81,7 @@ pub(super) fn read_group(
     }
     // Signals have no pose, so poses are only compared for surfaces.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Check whether places differ only if the poses agree, because different poses imply different places.
+    // Compare corresponding points only if the poses agree, because in different poses these points always differ.
     if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
@@ -92,12 +93,13 @@ pub(super) fn read_group(
     Ok(Group { names, members, degree, hemispheres, sides, warnings })
 }
 
-/// Returns the side of a model without a known hemisphere, by the name of its input or of its file, such as `s1_L`.
+/// Returns the side of a model without a known hemisphere, according to the name of its input or of its file, such as
+/// `s1_L`.
 fn side_of(model: &spharm::Model, path: &Path) -> Option<Hemisphere> {
     let input = model.provenance.input.as_ref().map(|input| Path::new(recorded_name(&input.path)));
     let stated = |path: &Path| Hemisphere::and_rest_of(&model_name(path)).0;
     let of_files = [input, Some(path)].into_iter().flatten().find_map(stated)?;
-    // The model knows whether it was mirrored since.
+    // The model records whether it has been mirrored since the fit.
     model.hemisphere(Some(Path::new(if of_files == Hemisphere::Left { "lh" } else { "rh" })))
 }
 
@@ -113,7 +115,7 @@ pub(super) fn distances_from_mean(members: &[Coefficients], degree: usize) -> Re
     Ok(centred.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?)
 }
 
-/// Returns a warning if the files include members of a group and the mean that `shape correspond` writes beside them.
+/// Returns a warning if the files include members of a group and the mean that `shape correspond` writes next to them.
 fn mean_among(paths: &[PathBuf]) -> Option<String> {
     let of_group = |path: &Path| {
         path.file_name().is_some_and(|name| name == "mean.spharm.npz") && path.with_file_name("group.json").is_file()

@@ -19,13 +19,13 @@ use spharm_transform::synthesis;
 /// Extensions of landmark files. An extension that is the end of a longer one (`.json`) comes after the longer one
 /// (`.mrk.json`).
 const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
-/// Distance of a landmark from its surface above which a warning is given, as a fraction of the surface's extent.
+/// A warning is given if a landmark's distance from its surface exceeds this fraction of the surface's extent.
 const OFF: f64 = 0.05;
 
 /// Corresponding landmarks of all models.
 pub(super) struct Marks {
     pub(super) names: Vec<String>,
-    /// Positions in the models' frames: for each model, one for each name.
+    /// Positions in the models' frames: for each model, a position for each name.
     pub(super) points: Vec<Vec<Vec3>>,
     pub(super) warnings: Vec<String>,
 }
@@ -82,7 +82,8 @@ pub(super) fn of_surfaces(
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }
 
-/// Returns a description of the first file without which the other files have common names; empty if there is none.
+/// Returns a description of the first file without which all other files have a landmark name in common. Returns an
+/// empty text if no such file exists.
 fn differing(files: &[PathBuf], subjects: &[Landmarks]) -> String {
     let usual = |index: usize| {
         let others = subjects.iter().enumerate().filter(|(other, _)| *other != index);
@@ -106,9 +107,9 @@ fn differing(files: &[PathBuf], subjects: &[Landmarks]) -> String {
     format!("; {} has {names}", files[index].display())
 }
 
-/// Returns warnings about landmarks that some files lack. `alone` has the names of each file that aren't common to all
-/// files. A landmark of half of the files or more is reported for the files that lack it, other landmarks for the files
-/// that have them.
+/// Returns warnings about landmarks that some files lack. For each file, `alone` lists the names that aren't common to
+/// all files. If at least half of the files have a landmark, the files without the landmark are reported. Otherwise,
+/// the files with the landmark are reported.
 fn omitted(files: &[PathBuf], alone: &[Vec<String>]) -> Vec<String> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     alone.iter().flatten().for_each(|name| *counts.entry(name).or_default() += 1);

@@ -45,8 +45,9 @@ pub(super) fn is_group(path: &Path) -> bool {
     path.is_dir() || path.file_name().is_some_and(|name| name == "group.json")
 }
 
-/// Returns for each direction of a sphere whether it is kept. A group can be used with any sphere; other masks are read
-/// by [`read_file`]. FreeSurfer's labels and annotations need the file of their own sphere.
+/// Returns for each direction of a sphere whether it is kept. If the mask is a group, the sphere may be any sphere. All
+/// other masks are read by [`read_file`]. For labels and annotations of FreeSurfer, the sphere must be read from a
+/// file.
 pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     if is_group(path) {
@@ -74,7 +75,8 @@ pub(crate) fn is_of_freesurfer(mask: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// If the mask can't be read, or belongs to another sphere; in that case the error names `sampling` and `remedy`.
+/// If the mask can't be read, or belongs to another sphere. If it belongs to another sphere, the error states
+/// `sampling` and `remedy`.
 pub(crate) fn read_file(path: &Path, vertices: usize, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     read_mask(path, vertices).map_err(|error| {
         let expected = format!("expected a mask for the {vertices} vertices of {sampling}");
@@ -82,7 +84,7 @@ pub(crate) fn read_file(path: &Path, vertices: usize, sampling: &str, remedy: &s
             SurfaceError::VertexCount { found, .. } => {
                 anyhow!("{}: {expected}, found one for {found}; {remedy}", path.display())
             }
-            // A label has no number of vertices: in a label of another sphere, a vertex may be out of range.
+            // A label doesn't state the number of vertices. In a label of another sphere, a vertex may be out of range.
             SurfaceError::Malformed { .. } => Error::from(error).context(format!("{expected} ({remedy})")),
             _ => error.into(),
         }

@@ -20,12 +20,13 @@ use super::describe::{common_degree, of};
 use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
-/// Find the models that are nearest to a given one
+/// Find the models that are nearest to a given model
 ///
 /// Models are first ranked by the singular values of each degree, which don't depend on pose. The distance between the
 /// singular values of two models is a lower bound of the root mean square distance between their points at equal
-/// directions, in any pose and for any rotation of the sphere, mirror images included. Then the candidates with the
-/// smallest bounds are aligned, and ordered by this distance, in the surfaces' unit. Signals aren't aligned.
+/// directions. The bound holds in any pose, for any rotation of the sphere, and for mirror images. Then the candidates
+/// with the smallest bounds are aligned, and ordered by the root mean square distance, in the surfaces' unit. Signals
+/// aren't aligned.
 ///
 /// These distances depend on the maps to the sphere. Fit meshes with `spharm fit --area 0`: by default, maps also
 /// depend on the triangles, and models of meshes of equal resolution may be nearer than models of equal shape.
@@ -55,8 +56,8 @@ pub(super) struct Cli {
     /// Quantity by which models are ordered
     ///
     /// standardized divides each singular value by its standard deviation over the searched models, so that high
-    /// degrees, whose values are small, weigh as much as low degrees. Small differences between maps then count, too:
-    /// even with --area 0, use it only for meshes of about the same resolution.
+    /// degrees, whose values are small, weigh as much as low degrees. Small differences between maps then have this
+    /// weight too. Therefore, use standardized only for meshes of about the same resolution, even with --area 0.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Maximum number of candidates to align; 0 for none

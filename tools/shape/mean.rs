@@ -22,8 +22,8 @@ use super::plan::Plan;
 
 /// Average models of surfaces
 ///
-/// Computes the mean of the coefficients. The surfaces have to correspond, as after `spharm shape align --group`, or
-/// because their spheres are registered, as those of cortical surfaces are. Prints each model's distance from the mean.
+/// Computes the mean of the coefficients. The models must correspond, for example after `spharm shape align --group`,
+/// or because their spheres are registered, as for cortical surfaces. Prints each model's distance from the mean.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(&["spharm shape mean aligned -o mean.spharm.npz"], &[]))]
 pub(super) struct Cli {
@@ -62,7 +62,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
     rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), number(*distance)]));
     let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
-    // For very large surfaces the sum of squares may overflow; then accumulate the root mean square with `hypot`.
+    // For very large surfaces, the sum of squares may overflow. In this case, compute the root mean square with
+    // `hypot`.
     let count = distances.len() as f64;
     let spread = if square.is_finite() {
         (square / count).sqrt()

@@ -107,7 +107,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let console = monitor.console();
     let plan = Plan::new("measure", &paths, cli.resources.both())?;
     let degree = plan.group.max_degree;
-    // Memory for either form of the maps: files written one after another, or one table.
+    // Memory for the maps in either form: as files that are written one after another, or as one table.
     let needed = |[vertices, faces]: [u64; 2]| {
         let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
         plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))

@@ -1,4 +1,4 @@
-//! Mirrors models before they are aligned, such as right hemispheres in a group of left ones.
+//! Mirrors models before they are aligned, such as right hemispheres in a group of left hemispheres.
 
 use std::path::PathBuf;
 

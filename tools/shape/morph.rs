@@ -26,9 +26,10 @@ use crate::surfaces::cut_handles;
 
 /// Interpolate shapes between two models
 ///
-/// The first model is aligned to the second; then shapes are interpolated linearly. With --keep-pose, the path
-/// begins at the first model's pose in space and ends at the second's; otherwise all shapes are in the second model's
-/// pose. --force also removes files of an earlier path that aren't replaced, such as step3.ply.
+/// The first model is aligned to the second, and shapes between the two are interpolated linearly. With --keep-pose,
+/// the sequence of shapes begins at the first model's pose in space and ends at the second model's pose. Otherwise, all
+/// shapes are in the second model's pose. --force also removes files of an earlier sequence that aren't replaced, such
+/// as step3.ply.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -180,7 +181,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("morph", &report, &[vec![line]], &cli.report)
 }
 
-/// Returns the frames of an earlier path in a folder that aren't among the new `files`, sorted.
+/// Returns the files of an earlier sequence of shapes in a folder that aren't among the new `files`, sorted.
 fn stale(folder: &Path, format: &str, files: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());

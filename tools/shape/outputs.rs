@@ -1,4 +1,4 @@
-//! Names and writes results: a file for one model, a folder for several; tables and reports.
+//! Names and writes results: a file for one model or a folder for several models, tables, and reports.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
-/// Refuses the name of a file for a folder of outputs.
+/// Refuses an output folder whose name is that of a file.
 pub(super) fn check_folder(output: &Path) -> Result<()> {
     if is_named_file(output) || !output.is_dir() && to_write_mesh(output).is_ok() {
         return Err(Usage::conflict("--output must name a folder if several files are written").into());
@@ -40,7 +40,8 @@ pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report:
     check_outputs(files.into_iter().chain(of_report), report.force)
 }
 
-/// Checks outputs that may be in the models' folder as [`check`] does, and also refuses outputs that are models.
+/// Checks outputs that may be in the models' folder. Checks the same conditions as [`check`], and also refuses an
+/// output that would overwrite one of the models.
 pub(super) fn check_beside<'a>(
     models: &[PathBuf],
     files: impl IntoIterator<Item = OutputFile<'a>>,

@@ -26,7 +26,8 @@ use super::plan::Plan;
 /// Compute a group's modes of variation: principal components
 ///
 /// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Writes a
-/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes.
+/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes from this shape
+/// model.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -70,14 +70,15 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks in the models' own frames
     ///
-    /// A folder with one file per model, named like the model; or one file per model, or @LIST, in the models' order.
-    /// The files are .mrk.json, .fcsv, .json, .csv or .tsv. Names that occur in all files are compared.
+    /// Give a folder with one file per model, named like the model, or give one file per model, or @LIST, in the
+    /// models' order. The files are .mrk.json, .fcsv, .json, .csv or .tsv. Landmarks whose names occur in all files are
+    /// compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
     /// Transforms from the landmarks' frames to the models' frames
     ///
-    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for landmarks on the
-    /// original surfaces.
+    /// Needed for landmarks on the original surfaces. The file is written by `spharm shape align --transforms` or
+    /// `spharm shape correspond --report`.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
     /// Mask of the icosphere's directions: a file with nonzero values at the directions to compare, or the folder of a
@@ -221,8 +222,8 @@ fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the panels of the picture. Each has the curve measured at points and, if measured, the curve of distances
-/// between surfaces.
+/// Returns the panels of the picture. Each panel has the curve measured at points and, if measured, the curve of
+/// distances between surfaces.
 fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
     vec![
         panel("compactness, share of the variance", &found.compactness, None),

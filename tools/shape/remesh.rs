@@ -1,4 +1,5 @@
-//! `shape remesh`: makes meshes of models to a degree, within a distance, by levels, or evenly in area.
+//! `shape remesh`: makes meshes of models: at given degrees, within a distance of the model, or with evenly spread
+//! vertices.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -22,14 +23,16 @@ use super::outputs::{check, check_folder, finish, outputs};
 use super::plan::Plan;
 use crate::surfaces::cut_handles;
 
-/// Number of integration steps with which vertices are moved; the error is far below the resolution of a mesh.
+/// Number of integration steps with which vertices are moved. The integration error is far below the resolution of a
+/// mesh.
 const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, at several degrees, or with evenly spread vertices
 ///
 /// Omitting the degrees above a given degree moves the surface by a root mean square distance that is known exactly.
-/// --tolerance uses the lowest degree for which this distance is small enough; --levels writes a file for each degree,
-/// all with the same triangles. --even moves the vertices so that they are spread evenly over the surface's area.
+/// --tolerance uses the lowest degree for which this distance is small enough. --levels writes a mesh for each given
+/// degree, all with the same triangles. --even moves the vertices so that they are spread evenly over the surface's
+/// area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -21,10 +21,10 @@ use super::plan::Plan;
 
 /// Rotate or mirror models: their parameters, or the surface in space
 ///
-/// --parameters rotates the sphere under the surface by a rotation R, and the surface doesn't move: a vertex at
-/// direction u moves to direction R u, and the model's own sphere rotates with it. --object rotates the surface by a
-/// rotation Q: with --scale and --translate, x becomes scale Q x + translation. --mirror exchanges left and right
-/// before any rotation: on the sphere, on the surface and in the name of the anatomical structure.
+/// --parameters rotates the sphere by a rotation R, without moving the surface: the vertex at direction u gets the
+/// direction R u, and the model's own sphere is rotated as well. --object rotates the surface by a rotation Q. With
+/// --scale and --translate, a point x moves to scale Q x + translation. --mirror exchanges left and right before any
+/// rotation: on the sphere, on the surface and in the name of the anatomical structure.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -81,7 +81,7 @@ fn rotation(numbers: Option<&Vec<f64>>, option: &'static str) -> Result<Rotation
     found.context(option)
 }
 
-/// Returns the reflection for a kind of model; a signal is only mirrored on its sphere.
+/// Returns the reflection for a kind of model; a signal is mirrored only on its sphere.
 fn mirror(kind: Kind) -> Transform {
     let similarity = Similarity::default();
     if kind == Kind::Surface { Transform::reflection() } else { Transform { similarity, ..Transform::reflection() } }

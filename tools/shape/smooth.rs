@@ -24,9 +24,9 @@ use super::plan::check_each;
 /// Smooth models by the heat kernel
 ///
 /// Coefficients of degree l are multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s
-/// ln 2) rad; on the surface the width is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is
-/// compressed. For a width of w mm on a sphere of radius R mm, give 57.3 w / R degrees. Both surfaces and signals can
-/// be smoothed.
+/// ln 2) rad. On the surface, the width is about FWHM sqrt(area / 4 pi), and larger in regions that the map to the
+/// sphere compresses. For a width of w mm on a sphere of radius R mm, give 57.3 w / R degrees. Both surfaces and
+/// signals can be smoothed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

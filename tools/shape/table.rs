@@ -197,9 +197,9 @@ pub(crate) fn finite(cell: &str) -> Option<f64> {
     cell.trim().replace('\u{2212}', "-").parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error,
-/// because it would turn the whole column into levels and so change the tested hypothesis. The error is the index of
-/// the cell's row.
+/// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error, because
+/// it would turn the whole column into levels and so change the tested hypothesis. The error holds the index of the row
+/// with this cell.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| finite(cell).is_some();
     // Numbers with a decimal comma, such as 30,5, are meant as numbers rather than levels.

@@ -6,8 +6,8 @@ use spharm_cli::{Common, help};
 
 /// Summarise the progress of a cohort over all of its processes
 ///
-/// Reads the tables written with --status by fit and other verbs. A row that occurs in several tables counts as done if
-/// its model exists.
+/// Reads the tables written with --status by fit and other verbs. A row that occurs in several tables is reported as
+/// done if its model exists.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -17,7 +17,7 @@ use spharm_cli::{Common, help};
     &[],
 ))]
 pub(crate) struct Cli {
-    /// Status files, or folders of them
+    /// Status files, or folders of status files
     #[arg(required = true, value_name = "FILE|DIR", help_heading = help::INPUT)]
     pub(super) files: Vec<PathBuf>,
     /// The cohort's manifest, to show which rows were never started

@@ -31,7 +31,8 @@ pub(super) enum Command {
         #[arg(long, help_heading = OUTPUT)]
         json: bool,
     },
-    /// List the files of schemes, one line for each degree and each factor
+    /// List the files of one or all sampling schemes: one line per degree of the basis, then one line per stored
+    /// Cholesky factor
     Show {
         #[command(flatten)]
         which: Which,

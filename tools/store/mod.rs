@@ -90,7 +90,7 @@ fn gc(dir: &Path, dry_run: bool) -> Result<()> {
 }
 
 impl Which {
-    /// Returns the keys of the requested schemes: the one whose key begins with the given digits, or all.
+    /// Returns the keys of the requested schemes: the only key that begins with the given digits, or all keys.
     fn keys(&self) -> Result<Vec<SchemeKey>> {
         Ok(find_schemes(&self.dir, self.key.as_deref())?)
     }

@@ -16,7 +16,7 @@ pub(super) struct SchemeRow {
     degrees: usize,
     /// Highest degree L for which the store has all degrees from 0 to L.
     complete_to: Option<usize>,
-    /// Number of factors beside the basis.
+    /// Number of factors that are stored next to the basis.
     factors: usize,
     damaged: usize,
     /// Number of files of a newer format version.
@@ -149,7 +149,7 @@ impl FactorRow {
     }
 }
 
-/// Returns a warning if a basis lacks degrees below its highest. `degrees` are in ascending order.
+/// Returns a warning if a basis lacks degrees below its highest degree. `degrees` are in ascending order.
 pub(super) fn missing_degrees(key: SchemeKey, degrees: &[usize]) -> Option<String> {
     let (mut there, mut missing): (Vec<[usize; 2]>, Vec<[usize; 2]>) = (Vec::new(), Vec::new());
     for &degree in degrees {

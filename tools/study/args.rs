@@ -38,14 +38,14 @@ pub(crate) struct Cli {
     /// Run the study recorded in a provenance.json again, and compare the results
     ///
     /// The table and all inputs must still have the recorded contents. The recorded number of threads and memory are
-    /// used, unless you give others. The exit status is 1 if a result differs.
+    /// used, unless other values are given. The exit status is 1 if a result differs from the recorded one.
     #[arg(long, value_name = "provenance.json", conflicts_with_all = ["study", "shard"], help_heading = METHOD)]
     pub(super) again: Option<PathBuf>,
     /// Folder for all outputs [default: `output` of the study file; with --again, the recorded `output` with -again
     /// appended]
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
-    /// Fit only part I of N parts of the subjects: I/N, with I counted from 0, or slurm
+    /// Fit only part I of N parts of the subjects (I from 0, or slurm to take I/N from the job array)
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,
     /// Print the commands without running them
@@ -53,7 +53,7 @@ pub(crate) struct Cli {
     pub(super) dry_run: bool,
     /// Stop before the tests if the quality control flags a subject that isn't accepted
     ///
-    /// Then no page is written, and the tests, the figures and the page of an earlier run are removed.
+    /// If the study stops, no page is written, and the tests, the figures and the page of an earlier run are removed.
     #[arg(long, help_heading = METHOD)]
     pub(super) strict: bool,
     /// Print a report as JSON in place of the tables

@@ -151,9 +151,9 @@ fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<Vec<String>> {
     Ok(question.level_of)
 }
 
-/// Checks the tests again, applied to the subjects that could be fitted. `failed` lists the other subjects, with the
-/// reasons. Returns warnings about subjects with only one fitted side, exchanged sides, and groups with voxels of
-/// different sizes.
+/// Checks the tests again, applied to the subjects that could be fitted. `failed` lists the subjects that couldn't be
+/// fitted, with the reasons. Returns warnings about subjects with only one fitted side, exchanged sides, and groups
+/// with voxels of different sizes.
 ///
 /// # Errors
 ///
@@ -224,8 +224,9 @@ fn of_side(test: &Test) -> String {
     }
 }
 
-/// Checks that the files of a test's sampling exist and have the same number of vertices. With method "correspond", a
-/// mask without a sphere belongs to the default icosphere, whose directions are places of the group's template.
+/// Checks that the mask, the sphere and the annotation of a test exist and have the same number of vertices. With
+/// method "correspond", a mask without a sphere must belong to the default icosphere, whose directions are points of
+/// the group's template.
 fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
         if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
@@ -266,8 +267,8 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// Refuses files of the second side for a test of a study of both sides. The second side is mirrored, so its results,
-/// too, are at the places of the first side.
+/// Refuses files of the second side for a test of a study of both sides. The second side is mirrored, so its results
+/// are also given at points of the first side.
 fn of_first_side(plan: &Plan, test: &Test, sphere: Option<&Sphere>) -> Result<()> {
     let [first, second] = &plan.study.subjects.sides[..] else { return Ok(()) };
     let Some(mirrored) = Hemisphere::of_side(second) else { return Ok(()) };

@@ -60,7 +60,7 @@ pub(super) struct Subjects {
     pub(super) signal: Option<String>,
     /// Vertices at which the signal is read: a column, a pattern with `{id}`, or `none`.
     pub(super) mask: Option<String>,
-    /// Names of the two sides of each subject, `{side}` in patterns; the second side is mirrored.
+    /// Names of the two sides of each subject, which replace `{side}` in patterns. The second side is mirrored.
     pub(super) sides: Vec<String>,
     /// Label of the surface in every subject's volume, if the surfaces are given by a pattern.
     pub(super) label: Option<i64>,

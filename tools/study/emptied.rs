@@ -1,4 +1,4 @@
-//! Refuses a test if no subject of a group is left, because all are excluded or couldn't be fitted.
+//! Refuses a test if no subject of a group is left, because all of its subjects are excluded or couldn't be fitted.
 
 use std::collections::BTreeSet;
 
@@ -18,22 +18,23 @@ const LISTED: usize = 3;
 /// Maximum number of characters of a reason.
 const SHORT: usize = 80;
 
-/// Checks that each level of a test's effect has a subject among the rows that are `left`. A level whose subjects are
-/// all excluded may be missing if the test still has two levels and doesn't name the missing one. `failed` are the
-/// subjects that couldn't be fitted, with the reasons.
+/// Checks that each level of a test's effect has a subject among the rows that are `left`. A level may be missing if
+/// all of its subjects are excluded, the test still has two levels, and the test doesn't name the missing level.
+/// `failed` lists the subjects that couldn't be fitted, with the reasons.
 ///
 /// # Errors
 ///
 /// If no subject of a level is left. The error names the level and lists its subjects with the reasons.
 pub(super) fn check(plan: &Plan, test: &Test, left: &[&Row], failed: &[(String, String)]) -> Result<()> {
-    // A difference needs both sides of a subject, so a subject may be missing for other reasons. Skip the check.
+    // A test of differences uses only subjects that have both sides. A subject may therefore be missing for a reason
+    // that isn't in `failed` or the exclusions, so skip the check.
     if test.is_of_differences() {
         return Ok(());
     }
     let manifest = &plan.manifest;
     let rows = manifest.rows.iter().chain(plan.excluded.iter().map(|(row, _)| row));
     let rows: Vec<&Row> = rows.filter(|row| sides::uses(test, manifest, row)).collect();
-    // The name of a column may have the form of an interaction.
+    // A column's name may look like an interaction of columns, so check whether the effect is a column.
     let is_column = manifest.columns.contains(&test.effect);
     for name in parts(&test.effect).into_iter().filter(|name| !is_column || *name == test.effect) {
         let Some(at) = manifest.columns.iter().position(|column| column == name) else { continue };
@@ -79,8 +80,8 @@ fn is_of_levels(test: &Test, name: &str, cells: &[&str]) -> bool {
     test.categorical.iter().any(|of| of == name) || is_ordered() || matches!(column_of(cells), Ok(Column::Levels(_)))
 }
 
-/// Returns whether a test names a level, in `levels`, or in a contrast in quotes or as a word that isn't a number.
-/// Quotes may contain an interaction, such as `"a - b:male"`.
+/// Returns whether a test names a level, either in its list `levels` or in a contrast. In a contrast, the level is a
+/// word that isn't a number, or is in quotes. The quotes may contain an interaction, such as `"a - b:male"`.
 fn is_named(test: &Test, level: &str) -> bool {
     let words = test.contrast.iter().flat_map(|text| text.split(|c: char| c.is_whitespace() || c == ':'));
     let words = words.filter(|word| word.parse::<f64>().is_err());

@@ -24,7 +24,7 @@ pub(super) struct Done {
     pub(super) seconds: f64,
 }
 
-/// Comparison of the results with those of an earlier run.
+/// Comparison of the results with the results of an earlier run.
 pub(super) struct Compared {
     count: usize,
     /// Results that differ or are missing.

@@ -56,7 +56,7 @@ pub(super) fn check_list(key: &str, list: &Value) -> Result<()> {
     Ok(())
 }
 
-/// Checks that all subjects of a list are in the study, and that none is listed twice.
+/// Checks that all subjects of a list are in the study, and that no subject is listed twice.
 pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
     let ids: HashSet<&str> = manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let mut seen = HashSet::new();
@@ -75,7 +75,7 @@ pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
 }
 
 /// Removes the excluded subjects from a manifest and from its text, which is later written to the path `made`. Creates
-/// the text if there is none yet. Returns the rows of the excluded subjects, with the reasons.
+/// the text if the manifest has no text yet. Returns the rows of the excluded subjects, with the reasons.
 ///
 /// # Errors
 ///

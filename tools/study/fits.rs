@@ -82,8 +82,8 @@ impl Outcomes {
         fits.iter().map(Fits::merged).collect::<Result<_>>().map(Self)
     }
 
-    /// Returns the outcome of a subject's fits: the first one without a finished model, or else a finished one. `None`
-    /// if a fit has no outcome yet.
+    /// Returns the outcome of a subject's fits: the outcome of the first fit without a finished model or, if all models
+    /// are finished, the outcome of the first fit. Returns `None` if a fit has no outcome yet.
     pub(super) fn entry(&self, id: &str) -> Option<&Entry> {
         let entries: Vec<&Entry> = self.0.iter().map(|merged| merged.entry(id)).collect::<Option<_>>()?;
         let unfinished = entries.iter().find(|entry| !entry.state.is_there());

@@ -18,9 +18,10 @@ const NAMED: usize = 12;
 ///
 /// # Errors
 ///
-/// If one of them exists and the output folder has no records of an earlier run. The error names them.
+/// If an output exists and the output folder has no records of an earlier run. The error names the existing outputs.
 pub(super) fn check(plan: &Plan, stages: &[Stage]) -> Result<()> {
-    // With records, all outputs belong to the study: a run may have ended before it could record its last outputs.
+    // If records exist, an earlier run made the outputs. This includes outputs without a record, because the run may
+    // have ended before it could record them.
     if plan.records().is_dir() {
         return Ok(());
     }

@@ -1,4 +1,4 @@
-//! Warns of fits with a sphere or mask of the other hemisphere. The fits themselves warn too, but only while they run.
+//! Warns of fits with a sphere or mask of the other hemisphere. A fit gives the same warning, but only while it runs.
 
 use std::collections::HashSet;
 
@@ -23,7 +23,7 @@ pub(super) fn differ(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<Str
         // A surface without a sphere is mapped to a sphere of its own.
         let on_sphere = fits.manifest.rows.iter().filter(|row| row.sphere.is_some() || plan.has_one_sphere());
         let rows: Vec<&Row> = on_sphere.filter(|row| ids.contains(row.id.as_str())).collect();
-        // Fits of signals don't get the mask.
+        // The mask isn't passed to fits of signals, so it is checked only for fits of surfaces.
         let mask = plan.study.fit.value("--mask").filter(|_| fits.is_of_surfaces());
         let of_row = |row: &&Row| -> Result<Option<String>> {
             let made = Model::read_provenance(fits.model(&row.id))?;

@@ -126,8 +126,8 @@ fn patterns(folder: &Path, ids: &[&str]) -> (Vec<Pattern>, Option<String>) {
     list(here, "", DEPTH, &mut files);
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for file in files.iter().filter(|file| is_surface(file)) {
-        // If one id begins with another, such as a-b and a, the longer one is later in the set's order and is tried
-        // first.
+        // If one id begins with another id, as a-b begins with a, the longer id is later in the sorted set and is
+        // therefore tried first.
         if let Some(pattern) = ids.iter().rev().find_map(|id| pattern_of(file, id)) {
             *counts.entry(pattern).or_default() += 1;
         }
@@ -147,7 +147,7 @@ fn patterns(folder: &Path, ids: &[&str]) -> (Vec<Pattern>, Option<String>) {
 
 /// Collects the relative paths of the files below a folder, without hidden files.
 fn list(folder: &Path, relative: &str, depth: usize, files: &mut BTreeSet<String>) {
-    // Folders that can't be read are skipped, since the study couldn't read surfaces in them either.
+    // Folders that can't be read are skipped, because the study couldn't read surfaces in them either.
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let Ok(name) = entry.file_name().into_string() else { continue };
         if name.starts_with('.') || files.len() >= FILES {

@@ -72,14 +72,14 @@ impl Plan {
         !self.study.subjects.sides.is_empty()
     }
 
-    /// Returns the noun for a row of the manifest: a subject, or a surface if a subject may have several rows, as one
-    /// for each side or in studies with blocks.
+    /// Returns the noun for a row of the manifest: `subject`, or `surface` if a subject may have several rows. A
+    /// subject may have several rows in studies with sides or with blocks.
     pub(super) fn row_noun(&self) -> &'static str {
         let has_blocks = self.study.test.iter().any(|test| test.blocks.is_some());
         if self.has_sides() || has_blocks { "surface" } else { "subject" }
     }
 
-    /// Returns the number of subjects; a subject with two sides counts once.
+    /// Returns the number of subjects. A subject with two sides is counted once.
     pub(super) fn subjects_counted(&self) -> usize {
         let of_sides = if self.has_sides() { sides::subjects(&self.manifest) } else { None };
         of_sides.map_or(self.manifest.rows.len(), |subjects| subjects.len())

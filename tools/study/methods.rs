@@ -17,7 +17,7 @@ use super::test::Test;
 use super::warnings::{about, ids_in_state};
 use crate::shape::correspond::Poses;
 
-/// Name of the file with the paragraph in the study's output.
+/// Name of the file in the study's output that contains the paragraph on the study's methods.
 pub(super) const FILE: &str = "methods.md";
 
 /// Cited publications, with the short forms by which the text refers to them.
@@ -59,7 +59,7 @@ const CITED: [(&str, &str); 9] = [
 ];
 
 /// Returns the text for a study. `subjects` is the number of subjects that could be fitted; `failed` lists the ids of
-/// those that couldn't, and `flagged` the ids of those that the quality control flagged.
+/// the subjects that couldn't be fitted, and `flagged` the ids of the subjects that the quality control flagged.
 pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&str]) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let mut text = format!(
@@ -94,7 +94,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
         let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len(), plan.row_noun()));
     }
-    // Only subjects with flags have this state, so an accepted subject without flags isn't mentioned.
+    // Only flagged subjects have the state `accepted`, so an accepted subject without flags isn't mentioned.
     let with_flags = ids_in_state(plan, "accepted")?;
     let accepted: Vec<&Named> = study.subjects.accept.iter().filter(|of| with_flags.contains(&of.id)).collect();
     if !accepted.is_empty() {

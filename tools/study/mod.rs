@@ -201,7 +201,7 @@ struct Call<'a> {
     failed: Vec<(String, String)>,
     /// Warnings about the whole group.
     warnings: Vec<String>,
-    /// Comparison with the results of an earlier run, if there is one.
+    /// Comparison with the results of an earlier run, if one is made.
     compared: Option<ending::Compared>,
 }
 
@@ -284,8 +284,8 @@ impl Call<'_> {
         let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
         let Some(recorded) = self.recorded else { return finished };
-        // Failed subjects alone are no difference, because they may have failed in the recorded run too. Otherwise the
-        // comparison finds that their results are missing.
+        // A failed subject alone isn't a difference, because it may have failed in the recorded run too. If it
+        // succeeded then, the comparison reports its results as missing.
         if let Err(error) = finished {
             self.console.warn(error);
         }
@@ -306,8 +306,8 @@ impl Call<'_> {
         Ok(made)
     }
 
-    /// Ends a strict study at a flag, before the tests. Removes the outputs that an earlier run wrote in the later
-    /// stages.
+    /// Ends a study with `--strict` before the tests, because a subject is flagged. Removes an earlier run's outputs of
+    /// the stages in `later`.
     fn stop<'s>(&mut self, later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
         later.into_iter().try_for_each(|stage| stage.clear(&self.plan.records()))?;
         for name in [methods::FILE, provenance::FILE] {
@@ -370,8 +370,8 @@ impl Call<'_> {
         Ok(())
     }
 
-    /// Returns whether a stage prints its tables: the quality control and the tests, the fits of a shard, and with
-    /// `--verbose` all stages. The other tables are in the study's files.
+    /// Returns whether a stage prints its tables. The quality control, the tests and the fits of a shard print tables,
+    /// and with `--verbose` all stages. Other tables are only in the study's files.
     fn prints(&self, stage: &Stage) -> bool {
         let is_result = stage.name == stages::CHECK || stage.name.starts_with("test.");
         is_result || self.cli.shard.is_some() || self.cli.common.verbose

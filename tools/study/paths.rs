@@ -4,12 +4,13 @@ use std::path::{Component, Path, PathBuf};
 
 /// Returns an absolute path, without resolving links.
 pub(super) fn absolute(path: &Path) -> std::io::Result<PathBuf> {
-    // The empty path stands for the current folder.
+    // The empty path means the current folder.
     std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
 }
 
-/// Resolves the relative path `way` from `place`. Each `..` removes a folder's name, if the path ends with one, so
-/// that equal files get the same paths as in the first run.
+/// Resolves the relative path `way` from the folder `place`. Each `..` removes the last part of the path, if that part
+/// is a name. The result therefore contains no `..` after a name, and a repeated run uses the same paths as the first
+/// run.
 pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
     let mut path = place.to_owned();
     for part in way.components() {
@@ -27,12 +28,12 @@ pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
 pub(super) fn without_folder(message: &str, folder: &str) -> String {
     let (mut found, mut at) = (String::new(), 0);
     let is_inner = |c: char| c.is_alphanumeric() || "._-/\\".contains(c);
-    // In a path with spaces, the folder's path may follow a space.
+    // After a space, the text `folder` may still be inside a path, because paths may contain spaces.
     let is_in_path = |before: &str| {
         let word = before.strip_suffix(' ').and_then(|before| before.rsplit(' ').next()).unwrap_or_default();
         word.contains(['/', '\\']) && word.ends_with(is_inner)
     };
-    // Skip an empty path, which is the current folder, and the root, which contains all files.
+    // Skip the empty path, which means the current folder, and the root, which contains all files.
     for (start, _) in message.match_indices(folder).filter(|_| folder.len() > 1) {
         let before = &message[..start];
         if !before.ends_with(is_inner) && !is_in_path(before) {

@@ -29,7 +29,7 @@ pub(super) struct Plan {
     /// Folder of all outputs.
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
-    /// Manifest of the subjects, without the excluded ones.
+    /// Manifest of the subjects, without the excluded subjects.
     pub(super) manifest: Manifest,
     /// Rows of the excluded subjects, with the reasons.
     pub(super) excluded: Vec<(Row, String)>,
@@ -278,10 +278,11 @@ impl Plan {
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// Makes the paths in a message relative to the study's folder if they lie within it, so that the message doesn't
-    /// depend on the current folder.
+    /// Makes those paths in a message that are in the study's folder relative to this folder, so that the message
+    /// doesn't depend on the current folder.
     fn in_folder(&self, message: &str) -> String {
-        // A manifest written by the study contains absolute paths, with or without `..`.
+        // Absolute forms of the folder's path are removed as well, because a manifest written by the study contains
+        // absolute paths, with or without `..`.
         let whole = absolute(&self.folder).unwrap_or_default();
         let folders = [self.folder.clone(), ascend(Path::new(""), &whole), whole];
         folders.iter().fold(message.to_owned(), |message, folder| without_folder(&message, &text(&folder.join(""))))

@@ -190,8 +190,8 @@ impl Provenance {
         }
     }
 
-    /// Compares the results of this record with those of a later run. Returns the number of results and the paths of
-    /// those that differ or are missing.
+    /// Compares the results of this record with the results of a later run. Returns the number of results, and the
+    /// paths of the results that differ or are missing.
     pub(super) fn compare<'a>(&'a self, later: &Self) -> (usize, Vec<&'a Path>) {
         let differ =
             |(path, hash): (&'a PathBuf, &String)| (later.outputs.get(path) != Some(hash)).then_some(path.as_path());

@@ -1,5 +1,5 @@
 //! Handles studies with both sides of each subject, such as hemispheres. Each side has a row; the second side is
-//! mirrored, so that equal places of both sides correspond.
+//! mirrored, so that the same directions of both sides correspond.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -76,7 +76,7 @@ fn check_names(study: &Study) -> Result<()> {
     if study.subjects.label.is_some() {
         bail!("`label` in [subjects]: expected `labels` instead, with one label for each of the `sides`");
     }
-    // Files of values on vertices belong to a single side, so their patterns need `{side}`.
+    // Each file belongs to a single side, so its pattern needs `{side}`. Only a label volume may contain both sides.
     for (key, pattern) in files(study) {
         let of_both = key == SURFACE && !labels.is_empty();
         if !pattern.contains(SIDE) && !of_both {
@@ -193,8 +193,8 @@ pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest
     listed.iter().flat_map(rows).collect()
 }
 
-/// Returns the rows of a test as indices: all rows, the rows of one side, or pairs of a subject's rows of both sides,
-/// of which the second is subtracted.
+/// Returns the indices of a test's rows: all rows, the rows of one side, or a pair of rows for each subject with both
+/// sides. In a pair, the second row is subtracted.
 pub(super) fn tested<'a>(
     test: &Test,
     subjects: &Subjects,

@@ -112,7 +112,7 @@ impl Stage {
         })
     }
 
-    /// Returns a path relative to the study's folder if it lies there; returns any other text unchanged.
+    /// Returns a path relative to the study's folder if the path is in this folder. Returns any other text unchanged.
     fn relative<'a>(&self, path: &'a Path) -> &'a Path {
         path.strip_prefix(&self.folder).ok().filter(|path| !path.as_os_str().is_empty()).unwrap_or(path)
     }
@@ -134,7 +134,7 @@ fn typed<'a>(arguments: impl Iterator<Item = &'a String>) -> String {
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;
-    // A file that isn't such a record belongs to another program and is kept.
+    // A file that isn't the record of a stage belongs to another program and is kept.
     let Ok(found) = serde_json::from_str::<Record>(&text) else { return Ok(()) };
     let outputs = found.outputs.iter().map(|(path, made)| (folder.join(path), made));
     for (path, made) in outputs.filter(|(path, _)| path.starts_with(output)) {
@@ -219,7 +219,7 @@ mod tests {
             Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }.key().unwrap()
         };
         let here = key("", "out/models.txt");
-        // The key must be the same even if the folder has the name of the verb.
+        // The stage's key must not depend on the study's folder, even if the folder is called `shape`, like the verb.
         for (folder, list) in
             [("a/b", "a/b/out/models.txt"), (".", "./out/models.txt"), ("/shape", "/shape/out/models.txt")]
         {

@@ -38,27 +38,28 @@ impl Plan {
                 let of_all = self.study.subjects.label.filter(|_| is_labelled && of_table);
                 arguments.extend(of_all.iter().flat_map(|label| words(&["--label", &label.to_string()])));
             }
-            // Fits of signals only get the sphere, because the other arguments apply to surfaces.
+            // Fits of signals get only the sphere, because the other arguments apply to surfaces.
             _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }
         let (folder, name) = (self.folder.clone(), fits.name.to_owned());
         Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }
     }
 
-    /// Returns the arguments for fitting the surfaces: those in the study's file, and those that the study chooses.
+    /// Returns the arguments for fitting the surfaces: the arguments in the study's file, and the arguments that the
+    /// study chooses.
     pub(super) fn fit_arguments(&self) -> Vec<String> {
-        let chosen = self.maps_by_angles().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned);
+        let chosen = self.maps_equal_areas().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned);
         self.study.fit.arguments.iter().cloned().chain(chosen).collect()
     }
 
     /// Returns the value of `--area` for fitting the surfaces, if it is given or chosen.
     pub(super) fn area(&self) -> Option<f64> {
-        if self.maps_by_angles() { Some(0.0) } else { self.study.fit.value("--area")?.parse().ok() }
+        if self.maps_equal_areas() { Some(0.0) } else { self.study.fit.value("--area")?.parse().ok() }
     }
 
-    /// Returns whether the fits map surfaces to the sphere by angles alone. If meshes that were mapped individually
-    /// are aligned by `joint`, they correspond better with such maps (docs/shape.md).
-    fn maps_by_angles(&self) -> bool {
+    /// Returns whether the fits map surfaces to the sphere with areas as equal as possible (`--area 0`). Meshes that
+    /// are mapped individually and aligned by `joint` correspond better with such maps (docs/shape.md).
+    fn maps_equal_areas(&self) -> bool {
         let is_mesh = |row: &Row| row.sphere.is_none() && !is_volume(&row.surface);
         self.method == Method::Joint
             && !self.has_one_sphere()
@@ -112,7 +113,7 @@ impl Plan {
         }
     }
 
-    /// Returns the stage that mirrors the signals of mirrored subjects, if the study has any.
+    /// Returns the stage that mirrors the signals of mirrored subjects, if the study has such signals.
     fn mirror_signals(&self, subjects: &[Subject<'_>]) -> Option<Stage> {
         let fits = self.signal_fits()?;
         let mirrored = subjects.iter().filter(|subject| subject.mirrored);
@@ -226,7 +227,7 @@ impl Plan {
         stages
     }
 
-    /// Returns the path of the file of the group, which lists the places without a counterpart on the members.
+    /// Returns the path of the group's file. This file lists the places that have no counterpart on the members.
     fn group_file(&self) -> PathBuf {
         self.aligned_folder().join("group.json")
     }
@@ -261,7 +262,7 @@ impl Plan {
             &text(&scores),
         ]));
         inputs.extend([measures, scores]);
-        // Vertices without a counterpart on the members of the group are left out.
+        // The group file is a mask: the test leaves out vertices without a counterpart on the members of the group.
         let group = (self.method == Method::Correspond).then(|| self.group_file());
         let mask = test.mask.as_ref().map(|mask| self.folder.join(mask));
         let sphere = test.sphere.as_ref().map(|sphere| self.folder.join(sphere));

@@ -44,8 +44,8 @@ pub(super) fn manifest(
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
-    // Errors name the table instead of `made`, because the user wrote the table and the line numbers of `made` differ.
-    // Only the ids of the table can be wrong.
+    // Errors state the path of the user's table instead of `made`, the manifest made from it, whose lines have other
+    // numbers. Only ids can be wrong in `made`, and they are from the table.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }
@@ -136,7 +136,7 @@ pub(super) fn signals(
         }
         None => {
             let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex_label(signal)).collect();
-            // If only some subjects have a mask, the values would differ because of it: refuse the study.
+            // Refuse a study in which only some subjects have a mask, because the mask changes the values.
             let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
                 bail!(

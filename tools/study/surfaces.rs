@@ -1,5 +1,5 @@
 //! Makes the table of the meshes that are registered, with their landmarks and signals, and the list of landmark files.
-//! The stages of the study read both.
+//! The stages of the study read both files.
 
 use std::path::{Path, PathBuf};
 

@@ -60,7 +60,7 @@ pub(super) struct Test {
     pub(super) mask: Option<PathBuf>,
     /// File of the sphere at whose vertices the test is made; `None` for the default icosphere of `shape test`.
     pub(super) sphere: Option<PathBuf>,
-    /// File of regions of the vertices, for the peaks of clusters.
+    /// File of named regions of the vertices. The regions of the clusters' peaks are reported.
     pub(super) annotation: Option<PathBuf>,
     pub(super) welch: bool,
     /// Name of the column of exchangeability blocks.
@@ -194,7 +194,8 @@ impl Test {
         let terms = std::iter::once(&self.effect).filter(|_| !self.mean).chain(&self.covariates);
         let columns = terms.flat_map(|term| {
             let parts = parts(term);
-            // Without a column of the term's name, the term is an interaction and uses the columns that it names.
+            // If no column has the term's name, the term is an interaction, such as `group:age`, and uses the columns
+            // `group` and `age`.
             if is_column(term) || parts.len() == 1 { vec![parts[0]] } else { parts[1..].to_vec() }
         });
         columns.chain(self.blocks.iter().chain(&self.variance_groups).map(String::as_str)).collect()

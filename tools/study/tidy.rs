@@ -29,7 +29,7 @@ pub(super) fn leftovers(plan: &Plan) {
 }
 
 /// Removes models that the study has made for these rows and that can't be read, so that they are made again. Returns
-/// their ids.
+/// the ids of these rows.
 pub(super) fn damaged<'a>(
     fits: &Fits<'_>,
     rows: impl Iterator<Item = &'a Row>,
@@ -47,8 +47,8 @@ pub(super) fn damaged<'a>(
 }
 
 /// Removes the models of subjects that were removed from the table, and of subjects whose files exist but can't be
-/// fitted. Returns the number of models removed. If a subject's file doesn't exist, its disk may be missing: then the
-/// model is kept, but isn't part of the group.
+/// fitted. Returns the number of models removed. If a subject's file doesn't exist, the file's disk may not be mounted.
+/// The model of such a subject is kept, but isn't part of the group.
 pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
     let merged = fits.merged()?;
     let listed: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();
@@ -92,7 +92,7 @@ pub(super) fn signals(plan: &Plan) -> Result<usize> {
     Ok(count)
 }
 
-/// Removes a subject's model and the files beside it, if the model records the subject's id.
+/// Removes a subject's model and the files next to the model, if the model records the subject's id.
 fn model(folder: &Path, id: &str) -> Result<bool> {
     let files = ModelFiles { model: folder.join(format!("{id}.spharm.npz")) };
     let own = |model: Model| model.provenance.id.as_deref() == Some(id);

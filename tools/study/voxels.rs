@@ -1,5 +1,5 @@
 //! Warns of tests whose levels have voxels of different sizes. Coarser voxels give rounder surfaces, so a difference
-//! between the levels may come from the volumes rather than from the bodies.
+//! between the levels may be caused by the voxels rather than by the subjects' shapes.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,8 +16,8 @@ use super::plan::Subject;
 /// Relative difference up to which voxel sizes are equal.
 const EQUAL: f64 = 0.01;
 
-/// Edge lengths of the voxels of each subject whose surface is that of a label, in ascending order, by the subject's
-/// id.
+/// Voxel size of each subject whose surface is that of a label, by the subject's id. A voxel size consists of the edge
+/// lengths in ascending order.
 pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
 
 /// Reads the voxel sizes that the subjects' models record.
@@ -83,7 +83,8 @@ mod tests {
         };
         let found = differ("group", &rows, &levels, &of(&["a1", "a2", "a3"])).unwrap();
         assert!(found.contains("in a are 1 x 1 x 1.6,") && found.contains("those in b are 1 x 1 x 1;"), "{found}");
-        // A single subject, or one in each level, isn't a difference between the levels.
+        // A different voxel size of a single subject, or of one subject in each level, isn't a difference between the
+        // levels.
         assert_eq!(differ("group", &rows, &levels, &of(&["a1"])), None);
         assert_eq!(differ("group", &rows, &levels, &of(&["a1", "b2"])), None);
         assert_eq!(differ("group", &rows, &levels, &Sizes::new()), None);

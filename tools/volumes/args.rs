@@ -30,7 +30,7 @@ use super::names::ImageTemplate;
 pub(crate) struct Cli {
     /// Label volumes
     ///
-    /// Files, folders (all their volumes), or @LIST with one path per line.
+    /// Give files, folders (for all volumes in them), or @LIST for a file LIST with one path per line.
     #[arg(value_name = "LABELS", required = true, help_heading = INPUT)]
     pub(super) volumes: Vec<PathBuf>,
     /// Labels to model; 0 is the background
@@ -42,14 +42,14 @@ pub(crate) struct Cli {
     pub(super) label_surface: LabelSurfaceArgs,
     /// Repair labels whose surface isn't of genus zero
     ///
-    /// Keeps the largest piece, fills cavities and removes handles, instead of refusing the label. A warning says if
-    /// this drops, adds or removes more than 5 % of the label's voxels.
+    /// Keeps the largest piece, fills cavities and removes handles, instead of refusing the label. A warning is given
+    /// if the repair drops, adds or removes more than 5 % of the label's voxels.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
     /// Cut the handles of labels along short loops, and fill both sides of each cut
     ///
-    /// The model and its row describe the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
-    /// reconstruct restores the original surface. A warning says if the volume changes by more than 5 %.
+    /// The model and its row describe the cut surface, NAME.cut.surf.gii. The model records the seams, so that
+    /// reconstruct can restore the original surface. A warning is given if the cuts change the volume by more than 5 %.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Skip labels with fewer than N voxels
@@ -62,9 +62,9 @@ pub(crate) struct Cli {
     pub(super) skip_border: bool,
     /// Highest degree, inclusive [default: chosen by the labels' size in voxels]
     ///
-    /// The default lies between 4 and 60. It is chosen so that the model of the label of median size, in the first
-    /// volume that has any of the labels, resolves one and a half voxels. With --skip-existing, the default is the
-    /// degree of the existing table.
+    /// The default is between 4 and 60. The default is chosen for the label of median size in the first volume that has
+    /// any of the labels: the model of this label resolves one and a half voxels. With --skip-existing, the default is
+    /// the degree of the existing table.
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models
@@ -78,15 +78,15 @@ pub(crate) struct Cli {
     pub(super) json: bool,
     /// Template for the names of the models
     ///
-    /// Placeholders stand for parts of each volume's path, with links resolved: {stem} is the file's name without
-    /// folder and format, {label} the label, {parent} the folder that contains the file, {parent2} the folder above
-    /// {parent}, {channel} and {time} the numbers given by --channel and --time.
+    /// Placeholders are replaced by parts of each volume's path, after links have been resolved: {stem} is the file's
+    /// name without folder and format, {label} the label, {parent} the folder that contains the file, {parent2} the
+    /// folder above {parent}, {channel} and {time} the numbers given by --channel and --time.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: ImageTemplate,
     /// Keep existing models that were made from the same file and label with the same settings
     ///
-    /// Files are compared by their contents: if one label of a file was edited, the models of all labels in this
-    /// file are refused. --force replaces them.
+    /// Files are compared by their contents: if one label of a file was edited, the models of all labels in this file
+    /// are refused. --force replaces these models.
     #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
     pub(super) skip_existing: bool,
     /// Replace existing outputs

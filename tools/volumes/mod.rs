@@ -34,10 +34,10 @@ use self::names::{advice_on_images, same_name};
 use self::table::{Outcome, Row};
 use crate::rows::if_exists;
 
-/// Relative change of the area at which the quadrature of the area stops, far below the accuracy of a surface made of
-/// voxels.
+/// The quadrature of the area stops when the area's relative change falls below this value, which is far below the
+/// accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
-/// Number of rows above which the warnings about repairs are repeated at the end.
+/// If the table has more rows than this, the warnings about repairs are repeated at the end.
 const LONG: usize = 10;
 
 /// Runs the verb.
@@ -114,7 +114,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    // If the run was interrupted, models of the labels that it didn't reach aren't of an earlier run.
+    // Don't warn of an earlier run's models if this run was interrupted: some of them belong to labels not reached yet.
     let whole = done.is_ok() && cli.table.is_none();
     let others = whole.then(|| warnings::of_earlier_runs(&cli.output, &table, &known)).flatten();
     let doubts = doubts.chain(warnings::of_volumes(&rows)).chain(warnings::cut_off(&rows)).chain(reader.warnings());
@@ -153,12 +153,12 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
     for path in volumes {
         let read = reader.volume(path, monitor);
         monitor.check()?;
-        // Skip a volume that can't be read here: it fails later, with the reason.
+        // Skip a volume that can't be read, because it fails later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
         let kept = |label: i64| {
             let voxels = *there.get(&label)?;
-            // With --fix, checking the border takes long for a large label, and only --skip-border depends on it.
+            // The border is checked only for --skip-border, because with --fix the check takes long for a large label.
             let border = cli.skip_border && volume.touches_border_if(label, cli.fix, monitor).ok()?;
             cli.reason_to_skip(voxels, border).is_none().then_some(voxels)
         };
@@ -169,7 +169,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
             return Ok(chosen.degree());
         }
     }
-    // No label will be fitted, so any degree does.
+    // No label will be fitted, so the degree has no effect.
     Ok(1)
 }
 
@@ -219,7 +219,8 @@ struct Call<'a> {
     reader: &'a SurfaceReader,
     monitor: &'a ConsoleMonitor,
     found: Mutex<Found>,
-    /// Paths of the models of this call with their volumes, to refuse two labels with the same path.
+    /// Path of each model of this call, with the path of its volume. A label whose model has the path of another model
+    /// is refused.
     names: HashMap<PathBuf, PathBuf>,
     /// Labels processed so far.
     inputs: Inputs,
@@ -233,7 +234,7 @@ struct Found {
     refused: usize,
     /// Warnings about repairs that changed a large part of a label.
     losses: Vec<String>,
-    /// Names of existing models whose labels were skipped, which have warnings of their own.
+    /// Names of existing models whose labels were skipped. Other warnings report these models.
     skipped: Vec<OsString>,
 }
 
@@ -265,7 +266,7 @@ impl Call<'_> {
         }
         let (mut fits, mut rows) = (Vec::new(), Vec::new());
         let (before, reading) = (self.lock().rows.len(), self.reader.reading());
-        // Grey values and probabilities give a volume of their own.
+        // With grey values or probabilities, the number of voxels doesn't determine the volume.
         let voxel = (reading.values == VoxelValues::Labels).then(|| volume.affine.determinant().abs());
         for &label in &wanted {
             let record = record.clone().with_label(label, [reading.image.channel, reading.image.time]);

@@ -1,4 +1,4 @@
-//! Names of the models, which may have the numbers of the channel and the time.
+//! Makes the names of models, which may contain the numbers of the channel and the time.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -12,7 +12,7 @@ use spharm_cli::names::NameTemplate;
 /// Placeholders of the channel and of the time.
 const IMAGE: [&str; 2] = ["{channel}", "{time}"];
 
-/// A template for names, in which `{channel}` and `{time}` stand for the numbers of the chosen image.
+/// A template for names, in which `{channel}` and `{time}` are replaced by the numbers of the chosen image.
 #[derive(Debug, Clone)]
 pub(super) struct ImageTemplate(String);
 
@@ -51,7 +51,8 @@ impl ImageTemplate {
     }
 }
 
-/// Returns the advice on models of several images of a file in one folder; empty if no image is chosen.
+/// Returns the advice on writing models of several images of a file to one folder. Returns an empty text if no image is
+/// chosen.
 pub(super) fn advice_on_images(image: ImageChoice) -> String {
     let template = match (image.channel, image.time) {
         (None, None) => return String::new(),

@@ -23,7 +23,7 @@ pub(super) struct Row {
     pub(super) voxels: Option<usize>,
     /// Whether the label touches the border of the volume and so may be cut off.
     pub(super) border: Option<bool>,
-    /// Volume of the label's voxels, if the volume has labels.
+    /// Total volume of the label's voxels, if the file contains labels rather than grey values or probabilities.
     pub(super) volume: Option<f64>,
     pub(super) outcome: Outcome,
 }
@@ -62,7 +62,7 @@ pub(super) struct Model {
     pub(super) repair: String,
     /// Whether handles were cut.
     pub(super) cut: bool,
-    /// Warning that the model resolves the steps of the surface's voxels, if it does.
+    /// Warning that the model resolves the steps between voxels; `None` if it doesn't.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
     /// Root mean square distance of the model from the surface's vertices.
@@ -70,7 +70,7 @@ pub(super) struct Model {
     pub(super) descriptors: Descriptors,
 }
 
-/// The columns before those of the image and the powers.
+/// Columns that precede the columns of the image and of the powers.
 const COLUMNS: [&str; 16] = [
     "file",
     "label",
@@ -90,7 +90,8 @@ const COLUMNS: [&str; 16] = [
     "error",
 ];
 
-/// Returns the names and cells of the columns of the image: those of the channel and the time, if they were chosen.
+/// Returns the names and cells of the image's columns: `channel`, if a channel was chosen, and `time`, if a time was
+/// chosen.
 fn image_cells(image: ImageChoice) -> impl Iterator<Item = (&'static str, usize)> {
     let named = [("channel", image.channel), ("time", image.time)];
     named.into_iter().filter_map(|(name, number)| Some((name, number?)))
@@ -284,7 +285,7 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     let way = if filled { "added" } else { "removed" };
     let pieces = counted(of("pieces_dropped"), "piece", "pieces");
     let cavities = counted(of("cavities_filled"), "cavity", "cavities");
-    // Removing a mere contact between voxels changes voxels without removing a handle.
+    // A repair that only separates voxels that touch at edges or corners changes voxels, but removes no handle.
     let removed = match of("handles") {
         0 => "contacts at edges or corners".to_owned(),
         count => handles(count),
@@ -350,7 +351,8 @@ pub(super) mod tests {
         assert!(json["power"] == json!([]) && json["error"] == "no ball", "{json}");
     }
 
-    /// The rows of another time are other rows, and another run's table must have the same columns.
+    /// Rows of the same label at different times are different rows, and the table of an earlier run must have the same
+    /// columns.
     #[test]
     fn rows_of_times_are_kept_apart() {
         let at = |time| ImageChoice { time: Some(time), ..ImageChoice::default() };

@@ -1,4 +1,5 @@
-//! Warnings about the models of a table: cut off, with a doubtful volume, or of an earlier run.
+//! Warns of models in a table: models of labels that may be cut off, models with a doubtful volume, and models of an
+//! earlier run.
 
 use std::collections::HashSet;
 use std::ffi::OsString;
@@ -11,9 +12,10 @@ use super::table::{Outcome, Row};
 
 /// Largest number of labels and models named in a warning.
 const NAMED: usize = 3;
-/// Relative change of the volume from which cut handles are warned of.
+/// A warning is given if cutting handles changes a model's volume by more than this share.
 const CUT: f64 = 0.05;
-/// Relative error of the volume from which the models of unchanged labels are warned of.
+/// A warning is given if a model's volume has a larger relative error than this, although the label was neither
+/// repaired nor cut.
 const INEXACT: f64 = 0.02;
 
 /// Returns a warning about the models of labels at the border of their volume; `None` if there are none.
@@ -38,8 +40,8 @@ fn warning_of_cut(labels: &[String]) -> Option<String> {
     }
 }
 
-/// Returns the warnings about models whose volume differs from that of their label's voxels. The repairs of labels, and
-/// models that follow the voxels' steps, have warnings of their own.
+/// Returns the warnings about models whose volume differs from the volume of their label's voxels. Other warnings
+/// report the repairs of labels, and the models that resolve the steps between voxels.
 pub(super) fn of_volumes(rows: &[Row]) -> Vec<String> {
     let (mut warnings, mut inexact, mut largest) = (Vec::new(), Vec::new(), 0.0_f64);
     for row in rows {
@@ -71,8 +73,8 @@ pub(super) fn of_volumes(rows: &[Row]) -> Vec<String> {
     warnings
 }
 
-/// Returns a warning about models in the folder that aren't among `models`; `None` if there are none. Models of an
-/// earlier run would take part in the analyses of the folder.
+/// Returns a warning about models in the folder that aren't among `models`, because analyses of the folder would
+/// include these models of an earlier run. Returns `None` if the folder has no such models.
 pub(super) fn of_earlier_runs(folder: &Path, table: &Path, models: &HashSet<OsString>) -> Option<String> {
     const NAMED: usize = 10;
     let names = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.file_name()));

@@ -1,7 +1,7 @@
 //! Advice on errors of the library, in terms of this program's flags.
 //!
-//! The library's errors state the problem, and their fields hold its details. Only this module knows the flag that
-//! remedies an error; the advice is appended to the error's line.
+//! The library's errors state the problem, and their fields hold its details. Only this module knows which flag
+//! remedies an error. The advice is appended to the line with the error message.
 
 mod fit;
 
@@ -24,7 +24,7 @@ pub use fit::of_oscillation;
 
 use crate::output::STDOUT;
 
-/// Returns the advice on the first error in the chain for which there is advice.
+/// Returns the advice on the first error in the chain that has advice.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);
@@ -95,7 +95,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
     }
 }
 
-/// Returns the advice on a missing file `-`, which is the name of standard input for other commands.
+/// Returns the advice on a missing file named `-`. Many other programs use this name for standard input.
 fn of_missing(path: &Path, cause: &io::Error) -> Option<String> {
     let is_stdin = path == Path::new(STDOUT) && cause.kind() == io::ErrorKind::NotFound;
     is_stdin.then(|| "standard input isn't supported for this file; give the path of a file".to_owned())
@@ -186,7 +186,7 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::UnderdeterminedWithPenalty { needed, .. } => {
             Some(format!("set a {needed} penalty with --smoothness LAMBDA"))
         }
-        // Only factors for a store end with this error; a fit uses a shifted factor instead.
+        // Only the computation of a factor for a store returns this error. A fit uses a shifted factor instead.
         SolverError::NotPositiveDefinite { .. } => {
             Some("set a lower degree with --factor L, or a penalty with --smoothness LAMBDA".to_owned())
         }
@@ -270,7 +270,7 @@ fn of_moments(error: &MomentsError) -> Option<String> {
             "give the position columns with --angles, --lonlat or --vectors, and the value columns with --values"
                 .to_owned(),
         ),
-        // Most of the memory is for chunks of rows, whatever the degree.
+        // Chunks of rows alone exceed the budget, at any degree, so a lower degree doesn't help.
         MomentsError::Memory { budget, .. } if *budget < accumulate::bytes(0, 1) => {
             Some("set a larger budget with --memory SIZE".to_owned())
         }

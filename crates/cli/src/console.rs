@@ -1,8 +1,8 @@
 //! Prints notes, warnings and progress to stderr.
 //!
-//! If stderr is a terminal, progress is shown as a bar. Otherwise, such as in the log of a cluster job, it is shown as
-//! occasional lines, the first after two seconds. `-q` leaves only warnings. With [`json_lines`] every line is a JSON
-//! object with the field `event`, for programs that read the log.
+//! If stderr is a terminal, progress is shown as a bar. Otherwise, such as in the log of a cluster job, progress is
+//! shown as occasional lines, the first after two seconds. `-q` leaves only warnings. With [`json_lines`] every line is
+//! a JSON object with the field `event`, for programs that read the log.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -71,7 +71,7 @@ pub(crate) fn say(kind: Kind, text: impl Display) {
 }
 
 fn print(value: &Value) {
-    // Written in a single call, so that lines of several threads don't interleave.
+    // Write the line in a single call, so that lines of several threads don't interleave.
     let _ = std::io::stderr().lock().write_all(format!("{}\n", json_text(&value.to_string())).as_bytes());
 }
 
@@ -159,7 +159,7 @@ impl Progress {
         }
     }
 
-    /// Sets the text beside a bar, which names the current activity. Progress shown as lines has no such text.
+    /// Sets the text next to a bar, which describes the current activity. Progress shown as lines has no such text.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
             bar.set_message(one_line(&text.to_string()).into_owned());

@@ -22,7 +22,7 @@ use crate::usage::Usage;
 /// Exit code of interrupted work: EX_TEMPFAIL of sysexits.h, which means that the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 const FAILURE: u8 = 1;
-/// Exit code of wrong usage; clap uses the same.
+/// Exit code of wrong usage; clap uses the same code.
 const USAGE: u8 = 2;
 
 /// The signals that ask a process to stop. On Windows SIGINT is Ctrl+C.
@@ -36,7 +36,7 @@ const STOPS: &[i32] = &[
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
 /// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). Signals are handled
-/// from the first call on; a second signal ends the process at once.
+/// from the first call on; a second signal ends the process immediately.
 pub fn cancel() -> &'static AtomicBool {
     &CANCEL
 }
@@ -45,8 +45,8 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for &signal in STOPS {
         if !is_ignored(signal) {
-            // Register in this order, because handlers run in order: at the first signal the conditional shutdown
-            // finds the flag unset. Registration fails only for signals that can't be caught.
+            // Handlers run in the order of their registration. Register the conditional shutdown first, so that it
+            // finds the flag unset at the first signal. Registration fails only for signals that can't be caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
@@ -59,7 +59,7 @@ fn listen() -> Arc<AtomicBool> {
 }
 
 /// Returns whether a signal was ignored when this process started, as under `nohup` and for background jobs of shells.
-/// Such a signal stays ignored.
+/// A signal that was ignored stays ignored.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -67,7 +67,8 @@ fn is_ignored(signal: i32) -> bool {
     mask >> (signal - 1) & 1 == 1
 }
 
-/// Returns the subcommand of `program` for a verb, for showing its usage with errors; `program` if there is none.
+/// Returns the subcommand of `program` with the name `verb`, whose usage is shown with errors. Returns `program` if it
+/// has no such subcommand.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)

@@ -67,7 +67,8 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Removes paths that lead to an earlier path, such as `./a.npy` after `a.npy`. Links aren't followed.
+/// Removes each path whose absolute form equals that of an earlier path, such as `./a.npy` after `a.npy`. Links aren't
+/// followed.
 pub fn keep_each_once(paths: &mut Vec<PathBuf>) {
     let mut seen = HashSet::new();
     paths.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));

@@ -1,4 +1,4 @@
-//! The command line around the library: the code shared by the verbs of `spharm`.
+//! The command line around the library: the code shared by the verbs (subcommands) of `spharm`.
 //!
 //! All code that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does
 //! none of this.

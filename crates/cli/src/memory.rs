@@ -1,8 +1,8 @@
 //! Defines `--memory`, and checks the memory of every verb before anything is allocated.
 //!
-//! In the library's crates, a function beside the code of each computation returns the memory that it needs
-//! (`docs/memory.md` lists these functions). This module compares that memory with the budget and formats the error
-//! message.
+//! In the library's crates, each computation has a function that returns the memory that the computation needs
+//! (`docs/memory.md` lists these functions). This module compares the needed memory with the budget and formats the
+//! error message.
 
 use std::fmt;
 use std::path::Path;
@@ -18,7 +18,7 @@ use crate::size::Size;
 /// Memory of the program itself in bytes: its code, its allocator, and the buffers of files.
 pub const PROGRAM: u64 = 20 << 20;
 
-/// Size of a thread's stack in bytes. Limits on the memory of a process count the whole stack, used or not.
+/// Size of a thread's stack in bytes. Limits on the memory of a process include the whole stack, used or not.
 const STACK: u64 = 2 << 20;
 
 /// Argument `--memory`.

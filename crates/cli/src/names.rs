@@ -16,8 +16,8 @@ use spharm_surface::io::is_named_mesh;
 const DEEPEST: usize = 9;
 
 /// A name with placeholders. `{stem}` is the input's name without folder and format, `{parent}` the folder that
-/// contains it, `{parent2}` the folder above that, and so on, with links resolved. `{label}` is a volume's label; a
-/// template without it gets `.{label}` appended for volumes.
+/// contains it, `{parent2}` the folder above that, and so on, with links resolved. `{label}` is a volume's label. For
+/// volumes, `.{label}` is appended to a template without this placeholder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -109,8 +109,8 @@ impl NameTemplate {
     ///
     /// # Errors
     ///
-    /// If two inputs would share a file (the message names a template that distinguishes them), or if `{label}` is the
-    /// template's only placeholder and an input has no label.
+    /// If two inputs would share a file, or if `{label}` is the template's only placeholder and an input has no label.
+    /// For inputs that would share a file, the message gives a template that distinguishes them.
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
         if let (false, Some((input, _))) = (of_input, inputs.iter().find(|(_, label)| label.is_none())) {
@@ -143,7 +143,8 @@ impl NameTemplate {
         Ok(outputs)
     }
 
-    /// Returns a template of one or two folders and the stem that gives each input a distinct name, if there is one.
+    /// Returns a template that gives each input a distinct name, made of one or two folders and the stem. Returns
+    /// `None` if no such template exists.
     #[must_use]
     pub fn distinguishing(inputs: &[PathBuf]) -> Option<Self> {
         let one = (1..=DEEPEST).map(|level| vec![level]);
@@ -161,8 +162,8 @@ impl NameTemplate {
     }
 }
 
-/// Returns a file's path with its folder made absolute and free of links, but keeps the file's own name. If the folder
-/// doesn't exist, the path is only made absolute.
+/// Returns a file's path in which the folder is absolute and its links are resolved. The file's own name is kept. If
+/// the folder doesn't exist, the path is only made absolute.
 fn in_its_folder(input: &Path) -> PathBuf {
     let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
     let folder = absolute.parent().and_then(|folder| folder.canonicalize().ok());
@@ -172,7 +173,8 @@ fn in_its_folder(input: &Path) -> PathBuf {
     }
 }
 
-/// Returns whether a path that isn't a folder yet names a file rather than a folder to be made, by its extension.
+/// Returns whether a path names a file rather than a folder: it isn't an existing folder, and it has the extension of a
+/// file format.
 #[must_use]
 pub fn is_named_file(path: &Path) -> bool {
     const ENDINGS: [&str; 11] = ["npz", "sphz", "csv", "tsv", "npy", "json", "gii", "gz", "png", "mgh", "mgz"];
@@ -180,8 +182,8 @@ pub fn is_named_file(path: &Path) -> bool {
     !path.is_dir() && (ENDINGS.contains(&ending.as_str()) || is_named_mesh(path))
 }
 
-/// Returns the model's file for each surface: `output` itself if it ends in `.npz` and there is only one surface,
-/// otherwise a file in the folder `output`, or in the current folder.
+/// Returns the model's file for each surface. The file is `output` itself if `output` ends in `.npz` and there is only
+/// one surface. Otherwise it is a file in the folder `output`, or in the current folder if `output` is `None`.
 ///
 /// # Errors
 ///

@@ -45,7 +45,7 @@ pub fn print_line(text: &str) -> Result<()> {
     print(&printable::one_line(text))
 }
 
-/// Number of existing [`Muted`] values. If it isn't 0, output to stdout is suppressed.
+/// Number of existing [`Muted`] values. If this number isn't 0, output to stdout is suppressed.
 static MUTED: AtomicUsize = AtomicUsize::new(0);
 
 /// Suppresses output to stdout until dropped. A verb that runs other verbs uses it to hide their tables.
@@ -182,7 +182,7 @@ pub(crate) fn place(path: &Path) -> PathBuf {
         return place;
     }
     let folder = std::path::absolute(folder_of(path)).unwrap_or_default();
-    // A `..` after a folder that doesn't exist can't be resolved by the file system, only in the text of the path.
+    // The file system can't resolve a `..` after a folder that doesn't exist, so resolve it in the text of the path.
     let mut tidy = PathBuf::new();
     for part in folder.components() {
         match part {
@@ -220,7 +220,7 @@ pub fn same_place(a: &Path, b: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// If an output is an input: with `--force` it would be replaced by something else.
+/// If an output is an input. With `--force`, the output would overwrite this input.
 pub fn check_not_inputs<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
@@ -231,13 +231,13 @@ pub fn check_not_inputs<'i, 'a>(
     }
 }
 
-/// Path that stands for standard output.
+/// Path that means standard output.
 pub const STDOUT: &str = "-";
 
-/// The flag that names a report.
+/// The flag that gives a report's path.
 pub const REPORT: &str = "--report";
 
-/// Returns whether a report with this path goes to standard output, where it replaces the table.
+/// Returns whether a report with this path goes to standard output. If so, the report replaces the printed table.
 #[must_use]
 pub fn is_stdout(path: &Path) -> bool {
     [STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)

@@ -10,8 +10,8 @@ pub use spharm_cohort::files::serialize_shown;
 
 use crate::inputs::expand_lists;
 
-/// Replaces each `@LIST` by the paths in the file LIST, and each folder by those of its files whose names end in
-/// `ending`, sorted by name.
+/// Replaces each `@LIST` by the paths in the file LIST, and each folder by its files whose names end in `ending`. The
+/// files of a folder are sorted by name.
 ///
 /// # Errors
 ///
@@ -20,11 +20,11 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     expand_to(paths, ending, |_| true)
 }
 
-/// Returns the same paths as [`expand`], except for those files in folders for which `take` returns false.
+/// Expands paths as [`expand`] does, but takes only the files of a folder for which `take` returns true.
 ///
 /// # Errors
 ///
-/// Those of [`expand`].
+/// The errors of [`expand`].
 pub fn expand_to(paths: &[PathBuf], ending: &str, take: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::new();
     for path in expand_lists(paths)? {

@@ -1,8 +1,8 @@
 //! Escapes text from outside before it is printed to a terminal or a log.
 //!
-//! File names, table cells and format headers come from outside. They may contain characters that a terminal acts on:
-//! escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the program
-//! prints passes through this module, so that each line of output stays a single line.
+//! File names, table cells and format headers come from outside. These texts may contain characters that a terminal
+//! acts on: escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the
+//! program prints passes through this module, so that each line of output stays a single line.
 
 use std::borrow::Cow;
 
@@ -12,7 +12,8 @@ fn is_obeyed(c: char) -> bool {
     c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}')
 }
 
-/// Returns a string as one line: line breaks become blanks, and other control characters are shown as in `\u{1b}`.
+/// Returns a string as one line: line breaks become blanks, and other control characters are shown as escapes such as
+/// `\u{1b}`.
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if c == '\n' { " ".to_owned() } else { c.escape_default().collect() })

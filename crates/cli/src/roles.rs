@@ -23,7 +23,8 @@ pub enum Role {
     Output,
     /// A report or a table is written to the path, in addition to the results.
     Report,
-    /// Not a single file that is either read or written, such as a store or a folder of data.
+    /// The path isn't a single file that is either read or written. The path may be that of a store or of a folder of
+    /// data.
     Other,
 }
 
@@ -35,8 +36,8 @@ pub struct Given {
     role: Role,
 }
 
-/// Returns the paths in a command's arguments. `role` returns the role of an argument from the verb (`shape align`) and
-/// the argument's name, or `None` if the argument isn't a path.
+/// Returns the paths in a command's arguments. `role` takes a verb (such as `shape align`) and an argument's name.
+/// `role` returns the argument's role, or `None` if the argument isn't a path.
 pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) -> Option<Role>) -> Vec<Given> {
     let (mut command, mut matches, mut verb) = (command, matches, String::new());
     let mut found = Vec::new();

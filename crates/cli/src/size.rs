@@ -33,7 +33,7 @@ impl FromStr for Size {
             _ => return Err(wrong()),
         };
         let bytes = number.parse::<f64>().map_err(|_| wrong())? * factor as f64;
-        // 2^60 bytes exceed any machine's memory; below that, the rounding of the conversion doesn't matter.
+        // No machine has 2^60 bytes of memory. For smaller sizes, the rounding error of the conversion doesn't matter.
         if bytes >= 1.0 && bytes <= (1u64 << 60) as f64 { Ok(Self(bytes as usize)) } else { Err(wrong()) }
     }
 }

@@ -18,7 +18,7 @@ impl Usage {
         Self { kind: ErrorKind::ArgumentConflict, message: message.into() }
     }
 
-    /// Creates the error for a missing argument that another one requires.
+    /// Creates the error for a missing argument that another argument requires.
     pub fn missing(message: impl Into<String>) -> Self {
         Self { kind: ErrorKind::MissingRequiredArgument, message: message.into() }
     }

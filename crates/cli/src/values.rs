@@ -55,7 +55,7 @@ pub fn percent(text: &str) -> Result<f64, String> {
     percent.map(|percent| 0.01 * percent).ok_or_else(|| "expected a percentage from 0 to 100".to_owned())
 }
 
-/// Parses the number of voxels of a wrap along a mesh's longest side.
+/// Parses the resolution of a wrap: the number of voxels along the mesh's longest side.
 ///
 /// # Errors
 ///

@@ -23,13 +23,13 @@ pub struct VolumeArgs {
     /// Read grey values: the body consists of the voxels with values of LEVEL or more
     ///
     /// The surface runs where linear interpolation between voxels reaches LEVEL, and has no detail smaller than a
-    /// voxel. NaN counts as outside. The body has label 1; --fix keeps its largest piece.
+    /// voxel. Voxels with the value NaN are outside. The body has label 1; --fix keeps its largest piece.
     #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, value_parser = finite, hide_short_help = true)]
     pub threshold: Option<f64>,
     /// Read values from 0 to 1: probabilities, or the share of each voxel that is inside the body
     ///
     /// The body consists of the voxels with values of 0.5 or more. The volume inside the surface equals the sum of the
-    /// probabilities along the border and the voxels farther inside.
+    /// probabilities of the voxels along the border, plus the voxels farther inside.
     #[arg(long, conflicts_with = "threshold", hide_short_help = true)]
     pub probability: bool,
     /// Channel to read, counted from 1, if the file has several channels

@@ -1,12 +1,13 @@
-//! Quality control of a group: compares the subjects, and flags those that should be looked at.
+//! Quality control of a group: compares the subjects, and flags the subjects that should be inspected.
 //!
 //! Volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the modes are
-//! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags need no comparison of numbers:
-//! equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs with many
-//! changes, and modes that are mostly due to a single subject ([`influential`]).
+//! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags are set without this comparison.
+//! These flags mark equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs
+//! with many changes, and modes that are mostly due to a single subject ([`influential`]).
 //!
-//! A flag isn't a verdict. By chance, a normally distributed measure flags a subject in 8 to 16 of 100 groups of 8 to
-//! 200 subjects; in larger groups, it flags about one subject in 2,000. Distributions with long tails cause more flags.
+//! A flag isn't a verdict. By chance, a normally distributed measure flags a subject in 8 to 16 of 100 groups if the
+//! groups have 8 to 200 subjects. In larger groups, such a measure flags about one subject in 2,000. Distributions with
+//! long tails cause more flags.
 
 mod flags;
 mod measure;
@@ -26,7 +27,7 @@ pub use self::flags::{Counts, Flag, Others, edges};
 pub use self::measure::Measure;
 use crate::equal::EqualSets;
 
-/// Share of the total variance that a mode must exceed to be examined.
+/// A mode is examined only if its share of the total variance exceeds this value.
 const LEAST_VARIANCE: f64 = 0.05;
 
 /// The data about a subject that are compared within the group.
@@ -42,7 +43,7 @@ pub struct Facts {
     pub size: Option<f64>,
     /// Voxels of the label, if the surface was extracted from a label.
     pub voxels: Option<VoxelRecord>,
-    /// Staircase of voxels that the model reproduces, if the model's degree is too high.
+    /// The staircase of voxels that the model reproduces because its degree is too high; `None` if it reproduces none.
     pub steps: Option<VoxelSteps>,
     /// Changes made by a repair of the input.
     pub repair: Counts,
@@ -55,8 +56,8 @@ pub struct Facts {
     /// Ids of the subjects that have the same surface, in any pose.
     pub identical_to: Vec<String>,
     /// Warnings about the subject from other commands. A warning about a doubtful pose doesn't lead to a flag, since
-    /// shapes with two nearly equal poses cause it even if the pose is right. A wrong pose is found by its distance
-    /// from the mean.
+    /// shapes with two nearly equal poses cause this warning even if the pose is right. A wrong pose is detected by the
+    /// subject's distance from the mean.
     pub notes: Vec<String>,
 }
 
@@ -101,7 +102,8 @@ impl Facts {
 pub struct Checked {
     /// Robust z of the measures, in the order of [`Measure::ALL`]; `None` if the group has too few values.
     pub z: [Option<f64>; Measure::ALL.len()],
-    /// The mode, counted from 1, along which the subject is farthest from the others, and the robust z of its score.
+    /// The mode, counted from 1, along which the subject is farthest from the other subjects, and the robust z of its
+    /// score.
     pub mode: Option<(usize, f64)>,
     /// The flags, sorted: an unusual voxel size first, then other causes, then unusual values; within each kind, the
     /// most severe first.
@@ -138,7 +140,7 @@ pub fn check(facts: &[Facts]) -> Vec<Checked> {
         let (remarks, notes): (Vec<String>, _) = of.notes.iter().cloned().partition(|note| note.starts_with(IN_DOUBT));
         flags.extend(notes.into_iter().map(Flag::Note));
         result.remarks = remarks;
-        // Causes explain unusual values, so they come first.
+        // Flags that report causes come before flags that report unusual values, because causes explain unusual values.
         flags.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.severity().total_cmp(&a.severity())));
     }
     checked
@@ -208,7 +210,8 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
     for (of, result) in facts.iter().zip(checked) {
         let id = of.id.as_str();
         let others = |set: &Vec<&str>| Others::new(id, set);
-        // Equal inputs give equal models, which have equal surfaces, so only the first of these flags is set.
+        // Equal inputs give equal models, and equal models have equal surfaces. Therefore only the first of the three
+        // flags that applies is set.
         let same_input = of_inputs.get(id).map(|set| Flag::SameInput(others(set)));
         let same_model = || of_models.get(id).map(|set| Flag::SameModel(others(set)));
         let same_surface = || surfaces.get(id).map(|set| Flag::SameSurface(others(set)));
@@ -306,7 +309,7 @@ mod tests {
         facts[9].notes = vec!["it may be of the other side".to_owned()];
         facts[12].notes =
             vec![format!("{IN_DOUBT}: another pose fits nearly equally well, with a distance of 1.01 in place of 1")];
-        // A residual far below those of the others is good, so it isn't flagged.
+        // A residual far below those of the other subjects is good, so it isn't flagged.
         facts[10].measures[Measure::Rms as usize] = Some(0.001);
         facts[11].measures[Measure::Rms as usize] = Some(1.0);
         let checked = check(&facts);

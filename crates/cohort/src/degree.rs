@@ -1,7 +1,7 @@
 //! Chooses a common degree for the models of many surfaces.
 //!
 //! Models are compared, averaged and tabulated by degree, so all models of a run have the same degree. For labels, the
-//! degree follows from their sizes in voxels. For meshes, it follows from fits of a few of the meshes.
+//! degree follows from their sizes in voxels. For meshes, the degree follows from fits of a few of the meshes.
 
 use std::fmt;
 
@@ -21,8 +21,8 @@ const MESHES: usize = 3;
 /// Largest number of labels whose sizes are used to choose a degree.
 const LABELS: usize = 50;
 
-/// Lowest and highest degree chosen for labels. Lower degrees retain hardly any shape. Higher degrees must be chosen
-/// explicitly.
+/// Lowest and highest degree chosen for labels. Lower degrees reproduce little of the shape. Higher degrees must be
+/// chosen explicitly.
 const OF_LABELS: (usize, usize) = (4, 60);
 
 /// The degree chosen for a run.
@@ -92,10 +92,11 @@ impl fmt::Display for ChosenDegree {
 /// Returns the degree for the models of a cohort.
 ///
 /// If `keep` is set and a row has a model, the degree is that of this model. Otherwise, if some rows are labels and
-/// `accuracy` is `None`, the degree suits the median size of up to 50 labels, and is from 4 to 60. Otherwise up to
-/// three surfaces, spread evenly over the rows, are fitted, and the degree is the highest that any of them needs for
-/// the accuracy (see [`choose_degree`]; by default 0.2 % of a surface's size). This degree is lowered, if necessary, to
-/// the highest degree that the vertices of every fitted surface determine.
+/// `accuracy` is `None`, the degree suits the median size of up to 50 labels, limited to degrees from 4 to 60.
+/// Otherwise up to three surfaces, spread evenly over the rows, are fitted. The degree is then the highest degree that
+/// any of these surfaces needs for the accuracy (see [`choose_degree`]). The default accuracy is 0.2 % of a surface's
+/// size. The degree from the fits is lowered, if necessary, to the highest degree that the vertices of every fitted
+/// surface determine.
 ///
 /// # Errors
 ///
@@ -198,8 +199,8 @@ fn spread<'a, T>(of: &[&'a T], most: usize) -> Vec<&'a T> {
     (0..count).map(|at| of[at * (of.len() - 1) / (count - 1).max(1)]).collect()
 }
 
-/// Applies a function to rows, and returns the results of the rows for which it succeeds. If it succeeds for none,
-/// returns the first error.
+/// Applies a function to rows, and returns the results of the rows for which the function succeeds. If the function
+/// fails for all rows, returns the first error.
 fn any<T>(rows: Vec<&Row>, mut of: impl FnMut(&Row) -> Result<T, Error>) -> Result<Vec<T>, Error> {
     let (mut found, mut first) = (Vec::new(), None);
     for row in rows {

@@ -140,7 +140,7 @@ pub enum CohortError {
     FileId {
         /// Path of the file.
         path: PathBuf,
-        /// The name without the extension of its format.
+        /// The file's name without the extension of its format, which would be the id.
         id: String,
         /// Reason why this can't be the id.
         problem: String,
@@ -182,8 +182,8 @@ pub fn wrong_cells(line: usize, expected: usize, found: usize) -> String {
     format!("line {line}: expected {expected} cells as in the header, found {found}{reason}")
 }
 
-/// Returns the hint that the verb `volumes` fits the volumes in a folder, to be appended to a message; empty if
-/// `volumes`, their number, is 0.
+/// Returns a hint for the end of a message: the verb `volumes` fits the volumes in a folder. `volumes` is the number of
+/// volumes in the folder. If this number is 0, the hint is empty.
 #[must_use]
 pub fn volumes_hint(folder: &Path, volumes: usize) -> String {
     let noun = if volumes == 1 { "volume" } else { "volumes" };

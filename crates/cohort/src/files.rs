@@ -200,8 +200,8 @@ impl ModelFiles {
         replace: Replace,
     ) -> Result<(), Error> {
         make_folder_of(&self.model)?;
-        // If another process has written the model since the decision to fit, the files beside it also belong to that
-        // process.
+        // If another process has written the model since the decision to fit, the files beside the model also belong to
+        // that process, so nothing is written.
         if !replace.model && self.model.exists() {
             return Err(SurfaceError::OutputExists { path: self.model.clone() }.into());
         }
@@ -262,7 +262,7 @@ pub struct MadeOf<'a> {
 pub struct Mapped {
     /// The surface with its sphere and the report on the mapping.
     pub surface: MappedSurface,
-    /// Paths of the files that were written: the sphere, and the surface if it differs from the one in the input's
+    /// Paths of the files that were written: the sphere, and the surface if it differs from the surface in the input's
     /// file. Empty if an existing sphere was reused.
     pub written: Vec<PathBuf>,
 }

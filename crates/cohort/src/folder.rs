@@ -18,12 +18,17 @@ const OTHER_ENDINGS: [&str; 9] =
 /// Lists the surfaces in a folder as rows, in natural order: `cell.2.ply` comes before `cell.10.ply`.
 ///
 /// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the extension of its format; its id
-/// is the name without the extension. Skipped are hidden files, spheres such as those a run writes
-/// (`a.sphere.surf.gii`), repaired and cut surfaces beside such a sphere (`a.fixed.surf.gii`, `a.cut.surf.gii`),
-/// surfaces of labels beside such a sphere (`a.surf.gii`, if the sphere's metadata name a label), broken links, and
-/// names that may be of values on vertices (`.gii` alone, `.mgz`) or have no extension of their own (FreeSurfer's
-/// `lh.pial`). List such surfaces in a table. A volume's name doesn't say whether it holds labels or an image, so
-/// images get rows, too. Folders within the folder aren't searched.
+/// is the name without the extension. A volume's name doesn't show whether it holds labels or an image, so images get
+/// rows, too. Folders within the folder aren't searched. The following files are skipped:
+///
+/// - hidden files and broken links
+/// - spheres, such as the spheres that a run writes (`a.sphere.surf.gii`)
+/// - repaired and cut surfaces beside such a sphere (`a.fixed.surf.gii`, `a.cut.surf.gii`)
+/// - surfaces of labels beside such a sphere (`a.surf.gii`, if the sphere's metadata name a label)
+/// - files whose names may be those of values on vertices (`.gii` alone, `.mgz`)
+/// - files without the extension of a format (FreeSurfer's `lh.pial`)
+///
+/// Surfaces in skipped files can be listed in a table instead.
 ///
 /// # Errors
 ///
@@ -195,7 +200,7 @@ mod tests {
         let found = meshes_of_folder(folder.path(), &[]).unwrap();
         let stems: Vec<OsString> = found.meshes.iter().map(|path| file_stem(path)).collect();
         assert_eq!(stems, ["b", "c", "cell.2", "cell.10", "left_hemisphere", "x"]);
-        // All files but these and the hidden one.
+        // The other files are all files except the meshes and the hidden file.
         assert_eq!(found.others, names.len() - found.meshes.len() - 1);
         let used = [folder.path().join("./b.surf.gii"), folder.path().join("missing.ply")];
         let without = meshes_of_folder(folder.path(), &[&used[0], &used[1]]).unwrap();

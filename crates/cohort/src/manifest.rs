@@ -50,8 +50,8 @@ pub struct Row {
 }
 
 impl Row {
-    /// Returns the path of the model in `folder`, the folder of all models. The path in this folder is `output`, with
-    /// `.spharm.npz` appended unless it ends in `.npz`, or `ID.spharm.npz` if there is no output.
+    /// Returns the path of the model in `folder`, the folder of all models. The file is `output`, with `.spharm.npz`
+    /// appended unless it ends in `.npz`. If the row has no output, the file is `ID.spharm.npz`.
     #[must_use]
     pub fn model(&self, folder: &Path) -> PathBuf {
         match &self.output {
@@ -108,7 +108,8 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
     }
 }
 
-/// Returns whether Windows takes a file name for a device. Everything from the first dot on, and case, are ignored.
+/// Returns whether Windows takes a file name for a device. The comparison ignores case and everything from the first
+/// dot on.
 fn is_device(name: &str) -> bool {
     let base = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
     let numbered =
@@ -321,7 +322,7 @@ impl Columns {
 /// inserted, missing, replaced or swapped.
 fn is_nearly(column: &str, own: &str) -> bool {
     let lower = column.trim().to_lowercase();
-    // `weight` isn't taken for a misspelling of `weights`, because it may be a covariate such as body weight. Names of
+    // `weight` isn't treated as a misspelling of `weights`, because it may be a covariate such as body weight. Names of
     // two letters are too short for such a comparison.
     lower == own || lower != "weight" && own.len() > 2 && strsim::damerau_levenshtein(&lower, own) == 1
 }
@@ -358,7 +359,8 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // The files beside a model are named by its name without `.spharm.npz`, so equal names would give equal files.
+        // The other files of a model are named after the model, without `.spharm.npz`. Therefore compare these names:
+        // two models with the same name in one folder would share files.
         let files = ModelFiles { model: tidy(&row.model(Path::new(""))) };
         match outputs.entry(files.model.with_file_name(files.file_name())) {
             Entry::Occupied(first) => {

@@ -10,8 +10,8 @@ use crate::table::{Table, read_text};
 /// The final outcome of each row, merged from several status files.
 ///
 /// Within a file, a later line of a row replaces an earlier line, except that [`State::Skipped`] doesn't replace
-/// [`State::Done`]. If several files have a line for the same row, the last file whose line says that the model exists
-/// takes precedence; if there is none, the last file given.
+/// [`State::Done`]. If several files have a line for the same row, the last file whose line reports that the model
+/// exists takes precedence. If no line reports this, the last file given takes precedence.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
     /// The entries, in the order in which their rows first occur.

@@ -57,7 +57,7 @@ impl Origin {
     }
 
     /// Returns the origin recorded in a sphere's file; `None` if the file can't be read or records no origin. The
-    /// vertices and triangles aren't read, because listing a folder calls this for many spheres.
+    /// vertices and triangles aren't read, because this function is called for many spheres when a folder is listed.
     pub(crate) fn of_file(sphere: &Path) -> Option<Self> {
         Self::of_pairs(&read_gifti_metadata(sphere)?)
     }

@@ -49,7 +49,7 @@ pub struct Request<'a> {
     /// Record of the region's file, if a signal is read only within a region. Values outside the region are
     /// extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
-    /// Changes to be made to the surface before the fit. There are none for a surface over a given sphere.
+    /// Changes to be made to the surface before the fit. A surface over a given sphere isn't changed.
     pub preparation: Preparation,
     /// Path of the model.
     pub output: &'a Path,
@@ -141,11 +141,11 @@ fn list(differences: &[Difference]) -> String {
 impl Request<'_> {
     /// Decides whether to fit, depending on the existing outputs and the provenance of the existing model.
     ///
-    /// With [`IfExists::Skip`], a model of the same input with the same settings is kept. It is recomputed only if a
-    /// requested file beside it is missing. Inputs are the same if the contents of their files are equal. If no model
-    /// exists, files left by an earlier run are replaced, except a sphere made from another input. With
-    /// [`IfExists::Update`], a model of another input or with other settings is replaced; with [`IfExists::Skip`], the
-    /// fit is refused.
+    /// With [`IfExists::Skip`], a model of the same input with the same settings is kept. The model is recomputed only
+    /// if a requested file beside it is missing. Inputs are the same if the contents of their files are equal. If no
+    /// model exists, files left by an earlier run are replaced, except a sphere made from another input. If the
+    /// existing model has another input or other settings, [`IfExists::Update`] replaces it, and [`IfExists::Skip`]
+    /// refuses the fit.
     ///
     /// # Errors
     ///
@@ -155,8 +155,8 @@ impl Request<'_> {
     }
 
     /// Decides as [`decide`](Self::decide) does. `is_sound` returns whether repairing and cutting would leave the
-    /// surface unchanged. It has to read the surface, so it is called only if the request has repairs or cuts that the
-    /// existing model was made without.
+    /// surface unchanged. `is_sound` has to read the surface, so it is called only if the request has repairs or cuts
+    /// that the existing model was made without.
     ///
     /// # Errors
     ///
@@ -305,7 +305,8 @@ impl Request<'_> {
         for (setting, found, wanted) in [
             ("smoothness", fixed.and_then(|_| recorded.map(|settings| settings.smoothness)), fixed),
             ("hold_out", recorded.and_then(|settings| settings.hold_out), params.hold_out),
-            // Earlier versions also recorded a tolerance of other methods, which have none.
+            // Ignore a tolerance recorded for a method without iterations: earlier versions recorded it for all
+            // methods.
             (
                 "tolerance",
                 recorded.and_then(|settings| settings.tolerance.filter(|_| iterated)),
@@ -334,6 +335,6 @@ fn weights_name(name: &str, hash: Option<String>) -> String {
 }
 
 fn sphere_name(scheme_key: Option<&String>) -> String {
-    // 12 digits of the key, as in messages about stores.
+    // Show 12 digits of the key, as messages about stores do.
     scheme_key.map_or("made for the surface".to_owned(), |key| key.chars().take(12).collect())
 }

@@ -22,8 +22,8 @@ pub enum State {
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
-    /// A signal or the failure of another row ended the run before the row was finished. In the latter case, the column
-    /// `error` gives the failure.
+    /// A signal or the failure of another row ended the run before the row was finished. If a row failed, the column
+    /// `error` gives its failure.
     Interrupted,
 }
 
@@ -124,8 +124,8 @@ fn name(id: &str) -> String {
     guarded(&id.replace(|c: char| c != '\t' && c.is_control(), " ")).into_owned()
 }
 
-/// Converts a path to a cell. A path with a line end can't be part of a line, and a changed path would be of another
-/// file, so the cell is then empty.
+/// Converts a path to a cell. A path with a line end can't be written in a line, and a changed path would lead to
+/// another file, so the cell of such a path is empty.
 fn path(output: &str) -> String {
     let kept = name(output);
     if kept == guarded(output) { kept } else { String::new() }
@@ -137,7 +137,7 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file to which this process writes. If a row has several lines, the last one counts, so a resumed run can
+/// A status file to which this process writes. If a row has several lines, the last line is valid, so a resumed run can
 /// append to the file.
 #[derive(Debug)]
 pub struct StatusFile {

@@ -109,8 +109,8 @@ pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
 }
 
 /// Returns the line number of the first record at or after a byte offset of a table's text. The crate csv counts one
-/// line too few if lines end in a carriage return and a newline. `comments` says whether lines that begin with `#` are
-/// skipped.
+/// line too few if lines end in a carriage return and a newline. `comments` determines whether lines that begin with
+/// `#` are skipped.
 #[must_use]
 pub fn line_of_record(text: &str, from: usize, comments: bool) -> usize {
     Lines::new(text, comments).of_record(from)

@@ -1,9 +1,9 @@
-//! Writes the coefficients of a radius under the names of aics-shparam: `shcoeffs_L2M1C` is the coefficient of the
+//! Writes the coefficients of a body's radius under aics-shparam's names: `shcoeffs_L2M1C` is the coefficient of the
 //! cosine of degree 2, order 1.
 //!
 //! aics-shparam expands the distance of the surface from its centre in pyshtools' default harmonics, normalised to 4
-//! pi. The azimuth in these harmonics is phi plus pi, so each coefficient is multiplied by (-1)^m. Its
-//! `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).
+//! pi. The azimuth in these harmonics is phi plus pi, so each coefficient is multiplied by (-1)^m. aics-shparam's
+//! function `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).
 
 use std::io::{self, Write};
 
@@ -13,8 +13,9 @@ use spharm_harmonics::index::column;
 use crate::convert::phase;
 use crate::format::Normalization;
 
-/// Returns names and values in aics-shparam's order: all cosines, then all sines, each by degree and then by order from
-/// 0 to L. Coefficients of orders above the degree, and of the sine of order 0, are zero.
+/// Returns the names and values of the coefficients in aics-shparam's order: all cosines, then all sines. Both groups
+/// are sorted by degree, then by order from 0 to L. The coefficients of orders above the degree and of the sines of
+/// order 0 are zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
     let (factor, orders) = (Normalization::FourPi.factor(0, 0), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {

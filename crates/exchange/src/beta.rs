@@ -1,5 +1,5 @@
-//! Reads and writes the matrices of weighted SPHARM, one file per channel. Each row of a matrix has the cosines of one
-//! degree, followed by the sines.
+//! Reads and writes the matrices of weighted SPHARM, one file per channel. Each row of a matrix has the coefficients of
+//! the cosines of one degree, followed by the coefficients of the sines.
 //!
 //! Moo Chung's MATLAB code returns these matrices as `fourier.x`, `.y` and `.z`; AFNI's `SpharmDeco` uses the same
 //! harmonics. The files are text like AFNI's `.1D` files: numbers separated by blanks, and comments that begin with

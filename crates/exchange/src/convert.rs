@@ -31,8 +31,8 @@ fn pdm(row: usize) -> (usize, f64) {
     (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
 }
 
-/// Returns the rows (K, c) of a SPHARM-PDM `.coef` file. Each degree begins with order 0; then, for each higher order,
-/// come the factors of Re Y and Im Y.
+/// Returns the rows (K, c) of a SPHARM-PDM `.coef` file. Within a degree, order 0 comes first, followed by the factors
+/// of Re Y and Im Y for each higher order.
 #[must_use]
 pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     let mut rows = Array2::zeros(a.values().raw_dim());
@@ -101,7 +101,7 @@ pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
 ///
 /// # Errors
 ///
-/// [`NotABasisSize`](HarmonicsError::NotABasisSize) for another shape.
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) if the array has a different shape.
 pub fn from_s2fft(flm: &Array3<Complex64>) -> Result<Coefficients, HarmonicsError> {
     let (channels, degrees, orders) = flm.dim();
     if degrees == 0 || orders != 2 * degrees - 1 {
@@ -131,7 +131,7 @@ pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
 ///
 /// # Errors
 ///
-/// [`NotABasisSize`](HarmonicsError::NotABasisSize) for another shape.
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) if the array has a different shape.
 pub fn from_pyshtools(array: &Array4<f64>) -> Result<Coefficients, HarmonicsError> {
     let (channels, two, degrees, orders) = array.dim();
     if two != 2 || degrees != orders || degrees == 0 {
@@ -152,8 +152,8 @@ pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     found
 }
 
-/// Returns the matrix (L + 1, 2 L + 1) of weighted SPHARM for one channel. Row l has the cosines of orders 0 to l, then
-/// the sines of orders 1 to l, then zeros.
+/// Returns the matrix (L + 1, 2 L + 1) of weighted SPHARM for one channel. Row l has the coefficients of the cosines of
+/// orders 0 to l, then of the sines of orders 1 to l, then zeros.
 ///
 /// The harmonics of weighted SPHARM use the azimuth plus pi, so each coefficient is multiplied by (-1)^m.
 #[must_use]

@@ -30,7 +30,7 @@ pub enum ExchangeError {
         /// The content found instead.
         found: String,
     },
-    /// The file is intact, but it holds something else than coefficients, or coefficients in an unsupported format.
+    /// The file is intact, but it holds data other than coefficients, or coefficients in an unsupported format.
     #[error("{}: expected {format} with coefficients, found {found}; {remedy}", .path.display())]
     OtherContents {
         /// Path of the file.
@@ -67,7 +67,7 @@ pub enum ExchangeError {
         /// Hint at an alternative, appended to the message.
         hint: &'static str,
     },
-    /// The coefficients of high degrees aren't 64-bit numbers in the normalisation.
+    /// The model's degree is too high for the normalisation, whose factors leave the range of 64-bit numbers.
     #[error(
         "normalisation {normalization}: expected a degree up to {highest}, found degree {degree}; choose another \
          normalisation, such as ortho"

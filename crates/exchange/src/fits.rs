@@ -1,8 +1,8 @@
 //! Reads and writes FITS files as made by healpy's `write_alm`: one binary table per channel. Its columns are the index
 //! l^2 + l + m + 1, the real part and the imaginary part of each coefficient with m >= 0.
 //!
-//! Blocks have 2,880 bytes; headers are cards of 80 characters; numbers are big-endian. Source: FITS standard 4.0,
-//! sections 3, 4 and 7.3.
+//! Blocks have 2,880 bytes, headers consist of cards of 80 characters, and numbers are big-endian. Source: FITS
+//! standard 4.0, sections 3, 4 and 7.3.
 
 use std::io::{self, Write};
 

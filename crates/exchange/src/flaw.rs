@@ -9,7 +9,7 @@ use crate::error::ExchangeError;
 pub(crate) enum Flaw {
     /// A violation of the file's format: the expected content and the content found.
     Violation { expected: String, found: String },
-    /// Content without coefficients that can be read, and what the user can do with it.
+    /// Content without readable coefficients, and advice on what the user can do with the content.
     Other { found: &'static str, remedy: &'static str },
 }
 

@@ -168,7 +168,8 @@ impl Normalization {
         }
     }
 
-    /// Returns the highest degree at which the factors of all orders are 64-bit numbers; `None` if all degrees are.
+    /// Returns the highest degree at which the factors of all orders are in the range of f64; `None` if there is no
+    /// such limit.
     pub(crate) fn highest(self) -> Option<usize> {
         (self == Self::Unnormalized).then_some(150)
     }

@@ -36,7 +36,7 @@ pub struct Imported {
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
-    /// Whether a file also has errors of its coefficients, which aren't read.
+    /// Whether a file also states the errors (uncertainties) of its coefficients. The import ignores these errors.
     pub errors_left_out: bool,
 }
 
@@ -45,11 +45,11 @@ pub struct Imported {
 /// # Errors
 ///
 /// [`Io`](ExchangeError::Io) if a file can't be read, [`Malformed`](ExchangeError::Malformed) if its contents violate
-/// the format, [`OtherContents`](ExchangeError::OtherContents) if it holds something else than coefficients,
-/// [`Unknown`](ExchangeError::Unknown) if its format can't be determined,
-/// [`WrittenOnly`](ExchangeError::WrittenOnly) if the format can only be exported,
-/// [`SeveralModels`](ExchangeError::SeveralModels) if one of several files has more than one channel, and
-/// [`Degrees`](ExchangeError::Degrees) or [`Formats`](ExchangeError::Formats) if the files differ in degree or format.
+/// the format, [`OtherContents`](ExchangeError::OtherContents) if it holds data other than coefficients,
+/// [`Unknown`](ExchangeError::Unknown) if its format can't be determined, [`WrittenOnly`](ExchangeError::WrittenOnly)
+/// if the format can only be exported, [`SeveralModels`](ExchangeError::SeveralModels) if one of several files has more
+/// than one channel, and [`Degrees`](ExchangeError::Degrees) or [`Formats`](ExchangeError::Formats) if the files differ
+/// in degree or format.
 pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
     let mut whole: Option<Imported> = None;
     for path in files.iter().map(AsRef::as_ref) {
@@ -114,8 +114,8 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 /// block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // Check that the memory suffices for the bytes of the file and for the numbers, which take about as many bytes as
-    // their text. Check before reading, because the length of a sparse file can far exceed its size on disk.
+    // Check that the memory suffices for the bytes of the file and for the parsed numbers, which take about as many
+    // bytes as the text. Check before reading, because the length of a sparse file can far exceed its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("the contents need {room}")))?;
     let mut bytes = Vec::new();

@@ -1,4 +1,4 @@
-//! Exports SPHARM models to files of other packages, and imports them from such files.
+//! Exports SPHARM models to files of other packages, and imports models from these files.
 //!
 //! The canonical coefficients of a model are real, orthonormal and without the Condon-Shortley phase, in row `l^2 + l +
 //! m`. Every package has its own harmonics, order of coefficients and file format; [`Format`] lists the formats.

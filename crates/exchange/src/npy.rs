@@ -24,8 +24,8 @@ pub(crate) fn is_npy(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x93NUMPY")
 }
 
-/// Determines the format from the shape and type of the array. If they don't determine it, returns a description of the
-/// array.
+/// Determines the format from the shape and type of the array. If the shape and type don't determine the format,
+/// returns a description of the array.
 pub(crate) fn format_of(bytes: &[u8]) -> Result<Format, String> {
     let array = Array::from_bytes(bytes).map_err(|error| error.to_string())?;
     match *array.shape() {
@@ -68,7 +68,7 @@ pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -
             found.ok_or_else(|| wrong("shape ((L + 1)^2, c)"))
         }
         _ => {
-            // ktch also stores all channels one after another in a vector or a single row.
+            // A ktch file may also hold all channels one after another, in a vector or in a single row.
             let flat = values.ndim() == 1 || values.shape().first() == Some(&1);
             let rows = if flat && values.len() % 3 == 0 && square(values.len() / 3) { 3 } else { 1 };
             let found = if flat {

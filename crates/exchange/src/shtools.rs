@@ -12,7 +12,7 @@ use crate::flaw::Flaw;
 use crate::format::Normalization;
 use crate::text::{number, quoted, text};
 
-/// Maximum degree accepted in a file. It is far above the degrees that this library can evaluate.
+/// Maximum degree accepted in a file. This limit is far above the degrees that this library can evaluate.
 const HIGHEST: usize = 20_000;
 
 pub(crate) fn write(
@@ -114,8 +114,8 @@ fn words_of(line: &str) -> impl Iterator<Item = &str> {
     line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty())
 }
 
-/// Returns whether the lines have more columns than l, m, C and S: errors of the coefficients, as pyshtools writes them
-/// with `to_file(.., errors=True)`.
+/// Returns whether the lines have further columns after l, m, C and S. These columns are the errors of the
+/// coefficients, as written by pyshtools' `to_file(.., errors=True)`.
 pub(crate) fn has_errors(bytes: &[u8]) -> bool {
     let last = text(bytes).ok().and_then(|text| text.lines().rev().find(|line| !line.trim().is_empty()));
     last.is_some_and(|line| !line.trim_start().starts_with('#') && words_of(line).count() > 4)
@@ -129,8 +129,8 @@ pub(crate) fn is_gfc(text: &str) -> bool {
     })
 }
 
-/// Returns whether one of the first lines of a file's text consists of a degree, an order and two numbers, or four
-/// numbers if the coefficients have errors.
+/// Returns whether one of the first lines of a file's text consists of a degree, an order and two numbers. If the file
+/// states errors of the coefficients, the line has four numbers instead of two.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
     lines.map(|line| words_of(line).collect()).any(|words: Vec<&str>| {

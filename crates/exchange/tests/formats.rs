@@ -96,7 +96,7 @@ fn conventions_are_those_of_the_documentation() {
         assert!((s2fft[[0, l, 3 - n]] - sign(m) * complex.conj()).norm() < 1e-15);
         assert_eq!(alm[[0, at.iter().position(|&place| place == (l, n)).unwrap()]], complex);
     }
-    // healpy sorts by order, then by degree: all degrees of order 0, then all degrees of order 1, ...
+    // healpy sorts coefficients by order, then by degree: all degrees of order 0, then all degrees of order 1, ...
     assert_eq!(at[..6], [(0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1)]);
 }
 
@@ -276,7 +276,7 @@ fn what_is_cut_short_is_an_error() {
             match read(&path, format) {
                 // Truncation can't be detected within the last number of a table, because the remaining digits are
                 // still a number. It can't be detected either if the last tables of a FITS file or the last degrees of
-                // a CSV table are missing as a whole.
+                // a CSV table are completely missing.
                 Ok(found) => assert!(
                     length > last - 40
                         || (format == Format::Healpy && length >= 6000)
@@ -341,7 +341,7 @@ fn bombs_and_lying_headers_are_refused() {
         "bytes of data",
     );
     refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "numbers in column 1");
-    // The index is of degree 1000, in a table whose number of rows suffices only for degree 2.
+    // The index belongs to degree 1000, but the table has only enough rows for degree 2.
     let mut far = fits.clone();
     far[5760..5768].copy_from_slice(&1_001_001_i64.to_be_bytes());
     refused(&far, Format::Healpy, "rows up to degree 1000");

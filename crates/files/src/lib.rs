@@ -1,10 +1,10 @@
 //! Opens regular files without blocking, and reads them completely within a size limit.
 //!
 //! Opening a FIFO waits for a writer, reading from a FIFO or terminal waits for data, and a device may supply data
-//! without end. A file that is read several times can't be of these kinds, so they are rejected. The kind is checked
-//! before opening, and again after opening, because the path may be replaced in between. Functions that read a whole
-//! file have a size limit. The limit also applies to files that grow while they are read, and to files of unknown size,
-//! such as those in `/proc`.
+//! without end. Files of these kinds can't be read several times, so they are rejected. The kind is checked before
+//! opening, and again after opening, because another program may replace the file in between. Functions that read a
+//! whole file have a size limit. The limit also applies to files that grow while they are read, and to files of unknown
+//! size, such as those in `/proc`.
 //!
 //! ```
 //! # fn main() -> std::io::Result<()> {
@@ -64,7 +64,7 @@ pub type FileId = (u64, u64);
 #[cfg(not(unix))]
 pub type FileId = std::path::PathBuf;
 
-/// Returns the identity of a regular file; `None` if the path doesn't name a regular file.
+/// Returns the identity of a regular file; `None` if the path doesn't refer to a regular file.
 #[cfg(unix)]
 #[must_use]
 pub fn file_id(path: &Path) -> Option<FileId> {
@@ -72,7 +72,7 @@ pub fn file_id(path: &Path) -> Option<FileId> {
     std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file).map(|found| (found.dev(), found.ino()))
 }
 
-/// Returns the identity of a regular file; `None` if the path doesn't name a regular file.
+/// Returns the identity of a regular file; `None` if the path doesn't refer to a regular file.
 #[cfg(not(unix))]
 #[must_use]
 pub fn file_id(path: &Path) -> Option<FileId> {

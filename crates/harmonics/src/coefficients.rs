@@ -1,7 +1,8 @@
 //! Canonical coefficients, and their conversion to and from the complex coefficients of Shen and Chung.
 //!
-//! Shen and Chung (3DPVT 2006) expand in complex harmonics, orthonormal and with the Condon-Shortley phase,
-//! `Y_{l,m} = (-1)^m N P_l^m e^{i m phi}`, `Y_{l,-m} = (-1)^m conj(Y_{l,m})`. For a real function
+//! Shen and Chung (3DPVT 2006) expand functions in complex harmonics, orthonormal and with the Condon-Shortley phase,
+//! `Y_{l,m} = (-1)^m N P_l^m e^{i m phi}`, `Y_{l,-m} = (-1)^m conj(Y_{l,m})`. For a real function, its complex
+//! coefficients c and its canonical coefficients a are related by
 //!
 //! ```text
 //! c_{l,m} = (-1)^m (a_{l,m} - i a_{l,-m}) / sqrt2,   c_{l,-m} = (-1)^m conj(c_{l,m}),   c_{l,0} = a_{l,0}.
@@ -74,8 +75,8 @@ impl Coefficients {
 
     /// Computes the canonical coefficients of the real part of `sum c_{l,m} Y_{l,m}`, for complex coefficients (K, c).
     ///
-    /// The complex coefficients need not describe real functions. If they do, this is the inverse of
-    /// [`to_complex`](Self::to_complex).
+    /// The complex coefficients need not describe real functions. If they describe real functions, this conversion is
+    /// the inverse of [`to_complex`](Self::to_complex).
     ///
     /// # Errors
     ///

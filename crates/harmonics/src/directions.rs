@@ -9,8 +9,9 @@ use crate::{HarmonicsError, duplicates};
 
 /// An ordered list of unit vectors (n, 3).
 ///
-/// Vectors are normalised once, when the list is created. If the radii of two spheres differ by a factor that is a
-/// power of two, their vertices give bitwise equal directions; for other factors, directions agree up to rounding.
+/// Vectors are normalised once, when the list is created. If a sphere is scaled by a power of two, its vertices give
+/// bitwise the same directions. If the sphere is scaled by another factor, the directions change by rounding errors at
+/// most.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {
     vectors: Vec<[f64; 3]>,
@@ -106,8 +107,8 @@ impl Directions {
     /// Creates n directions spread evenly over the sphere, on a Fibonacci spiral.
     ///
     /// Direction i has `cos theta = 1 - (2 i + 1) / n` and azimuth `i pi (3 - sqrt 5)`, the golden angle times i. Each
-    /// is at the middle of one of n bands of equal area, and none is at a pole. R. Swinbank and R. J. Purser,
-    /// "Fibonacci grids: a novel approach to global modelling", Q. J. R. Meteorol. Soc. 132 (2006).
+    /// direction is at the middle of one of n bands of equal area, and no direction is at a pole. R. Swinbank and R. J.
+    /// Purser, "Fibonacci grids: a novel approach to global modelling", Q. J. R. Meteorol. Soc. 132 (2006).
     ///
     /// # Errors
     ///
@@ -160,8 +161,8 @@ impl Directions {
     }
 }
 
-/// Squared lengths of vectors that are normalised without scaling: their coordinates' squares don't overflow, and
-/// squares that underflow are too small to change the sum.
+/// Range of squared lengths of the vectors that are normalised without scaling. In this range, the squares of the
+/// coordinates don't overflow, and squares that underflow are too small to change the sum.
 const SAFE_SQUARES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
 
 /// Normalises `vertices` into `units` and returns the range of their radii. `first` is the index of the first vertex,
@@ -283,8 +284,8 @@ mod tests {
         assert!(matches!(error, HarmonicsError::NotFinite { index: 9_000, .. }));
     }
 
-    /// Checks that each of ten slices of equal thickness along x contains a tenth of the directions, to within 8 (a
-    /// random sample would be off by 13 or more), and that no two directions are close.
+    /// Checks that each of ten slices of equal thickness along x contains a tenth of the directions, to within 8, and
+    /// that no two directions are close. The counts of a random sample would be off by 13 or more.
     #[test]
     fn a_fibonacci_spiral_is_even() {
         let n = 2_000;

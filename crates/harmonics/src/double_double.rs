@@ -1,8 +1,9 @@
 //! Double-double arithmetic: a number is the unevaluated sum of two doubles, with about 32 decimal digits.
 //!
-//! It is used where a recurrence would amplify the rounding errors of doubles too much: next to the poles, and in the
-//! powers of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision",
-//! Numer. Math. 18 (1971), with fused products if the processor has them.
+//! Double-double arithmetic is used in recurrences that would amplify the rounding errors of doubles too much: next to
+//! the poles, and for the powers of `x + i y`, whose real and imaginary parts are the azimuth factors. Source: T. J.
+//! Dekker, "A floating-point technique for extending the available precision", Numer. Math. 18 (1971). Fused products
+//! are used if the processor has them.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -47,7 +48,8 @@ fn two_product<const FMA: bool>(a: f64, b: f64) -> (f64, f64) {
 #[inline(always)]
 fn split(a: f64) -> (f64, f64) {
     const SPLITTER: f64 = 134_217_729.0; // 2^27 + 1
-    // Above `LARGE`, the product with the splitter would overflow. Scaling by powers of two is exact.
+    // Above `LARGE`, the product with `SPLITTER` would overflow. Larger numbers are therefore multiplied by the power
+    // of two `DOWN`, which is exact.
     const LARGE: f64 = 6.696_928_794_914_17e299;
     const DOWN: f64 = 1.0 / (1u64 << 28) as f64;
     if a.abs() > LARGE {
@@ -188,7 +190,8 @@ mod tests {
         check::<false>();
     }
 
-    /// Without an instruction for it, `f64::mul_add` is a function of the C library, which MinGW's rounds twice.
+    /// If the processor has no instruction for fused products, `f64::mul_add` calls a function of the C library, and
+    /// MinGW's version of this function rounds twice.
     #[cfg(not(all(windows, target_env = "gnu")))]
     #[test]
     fn both_products_give_the_same_bits() {

@@ -11,7 +11,7 @@ const PART: usize = 1 << 13;
 /// Largest average number of hashes per bucket. A bucket's table of 16 bits per hash then fits in the second-level
 /// cache.
 const BUCKET: usize = 1 << 16;
-/// Largest number of buckets. With more buckets, a part would have too few hashes in each.
+/// Largest number of buckets. With more buckets, each part of the directions would have too few hashes per bucket.
 const MOST_BUCKETS: usize = 256;
 
 /// Returns the number of directions that repeat an earlier one, bit for bit, with -0 equal to 0. Cost: one pass over
@@ -98,7 +98,7 @@ impl Part {
 fn repeated(parts: &[Part], bucket: usize) -> Vec<u64> {
     let hashes = || parts.iter().flat_map(|part| part.bucket(bucket).iter().copied());
     let mut taken = BitSet::new(16 * hashes().count());
-    // Hashes whose bit an earlier hash has set; about one in 32 if no direction repeats.
+    // Hashes whose bit has already been set by an earlier hash: about one hash in 32, if no direction repeats.
     let later: Vec<u64> = hashes().filter(|&hash| !taken.insert(hash)).collect();
     if later.is_empty() {
         return later;
@@ -127,7 +127,7 @@ impl BitSet {
         Self { words: vec![0; bits / 64], bits: bits.trailing_zeros() }
     }
 
-    /// Returns a new hash that depends only on the bit of `hash`, to be used in a smaller set.
+    /// Returns a new hash, for use in a smaller set. Hashes that share a bit in this set get equal new hashes.
     fn place(&self, hash: u64) -> u64 {
         (self.bit(hash) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
     }
@@ -157,8 +157,8 @@ impl BitSet {
 mod tests {
     use super::*;
 
-    /// Counts repeated directions among many different ones, in several buckets, and counts directions that are all
-    /// equal.
+    /// Counts repeated directions among many different directions, in several buckets, and counts directions that are
+    /// all equal.
     #[test]
     fn repeated_directions_are_counted_in_every_bucket() {
         let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());

@@ -29,13 +29,13 @@
 //! | [`sweep`] | blocks `A_l` of the harmonics of degree l at a run of directions: the fast way to evaluate harmonics |
 //! | [`product`] | products of a block, and of its transpose, with a few columns |
 //! | [`mod@synthesis`] | coefficients to samples at any directions |
-//! | [`coefficients`] | canonical coefficients, and the complex ones of Shen and Chung |
+//! | [`coefficients`] | canonical coefficients, and the complex coefficients of Shen and Chung |
 //! | [`quadrature`] | Gauss-Legendre rings |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
 //! | [`rings`] | the Legendre recurrence for one order at a time, for transforms over rings |
 //! | [`polar`] | the Legendre recurrence next to the poles |
 //! | [`double_double`] | arithmetic with 32 digits |
-//! | [`textbook`] | a plain implementation, against which the fast one is tested |
+//! | [`textbook`] | a plain implementation, against which the fast implementation is tested |
 //!
 //! # Examples
 //!

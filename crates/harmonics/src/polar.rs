@@ -2,7 +2,7 @@
 //!
 //! Near a pole the plain recurrence loses digits in two ways. First, `cos theta` as a double determines theta only to
 //! `eps / sin theta`. Second, a rounding error at one degree grows like `min(l, 1 / sin theta)` in the following
-//! degrees, and the errors of all degrees add up to about `eps l^1.5`. At degree 2,000 that is a relative error of
+//! degrees, and the errors of all degrees add up to about `eps l^1.5`. At degree 2,000 this sum is a relative error of
 //! 1e-11. Very few directions of a sampling scheme are near a pole, so ten times the work for each of them isn't
 //! noticeable.
 
@@ -16,7 +16,8 @@ type Dd = DoubleDouble<false>;
 /// Limit on the ratio of a row's `sin theta` to the highest degree. A row with a smaller ratio is polar: the relative
 /// error of the plain recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
-/// Highest degree at which no row is polar: the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13.
+/// Up to this degree, no row is treated as polar, because the plain recurrence's error at the poles, `eps l^1.5`, is
+/// below 2e-13.
 const PLAIN_DEGREE: usize = 100;
 
 /// Returns whether the plain recurrence to `max_degree` is too inaccurate at colatitudes with this `sine`.
@@ -24,7 +25,7 @@ pub fn is_polar(sine: f64, max_degree: usize) -> bool {
     max_degree > PLAIN_DEGREE && sine < POLAR_SINE_PER_DEGREE * max_degree as f64
 }
 
-/// The polar rows of a run of directions, and the state of their recurrence.
+/// The directions next to a pole ([`is_polar`]) among a run of directions, and the state of the recurrence for each.
 #[derive(Debug)]
 pub(crate) struct Polar {
     rows: Vec<Row>,
@@ -36,9 +37,10 @@ pub(crate) struct Polar {
 struct Row {
     index: usize,
     z: Dd,
-    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)` for m from 0 until both are zero.
+    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, with `u = sin theta`, for m from 0 until both underflow to
+    /// zero.
     azimuth: Vec<[f64; 2]>,
-    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l.
+    /// Values `q_{l,m} / SCALE` (see [`recurrence`](crate::recurrence)) for the latest even and the latest odd l.
     q: [Vec<Dd>; 2],
 }
 

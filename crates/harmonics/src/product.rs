@@ -1,9 +1,9 @@
 //! Computes products of a block of harmonics, and of the block's transpose, with a few columns.
 //!
-//! Both products read every value of the block once. With few columns (c) they take 2 c flops per value and are bound
-//! by memory bandwidth. Four columns of the block are processed together, so that the columns of the residual, which
-//! stay in the L1 cache, are read and written a quarter as often. For eight columns or more a BLAS matrix product is
-//! faster.
+//! Both products read every value of the block once. With few columns (c), the products take 2 c flops per value and
+//! are bound by memory bandwidth. Four columns of the block are processed together, so that the columns of the
+//! residual, which stay in the L1 cache, are read and written a quarter as often. For eight columns or more a BLAS
+//! matrix product is faster.
 //!
 //! Matrices are column-major slices with a leading dimension, as in the BLAS.
 
@@ -142,8 +142,8 @@ adjoint_for!(adjoint_1, 1);
 adjoint_for!(adjoint_2, 2);
 adjoint_for!(adjoint_3, 3);
 
-/// Returns the inner products of J columns with C others. Each is summed in lanes and then across the lanes, in the
-/// same order on any processor.
+/// Returns the inner products of J columns with C other columns. Each inner product is summed in lanes and then across
+/// the lanes, in the same order on any processor.
 #[inline(always)]
 fn dots<const J: usize, const C: usize, const FMA: bool>(columns: [&[f64]; J], residual: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = residual[0].len();
@@ -262,8 +262,8 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Compares the products with sums written out, for every remainder of rows, columns and channels modulo the
-    /// kernels' steps.
+    /// Compares the products with explicit sums, for every remainder of rows, columns and channels modulo the kernels'
+    /// steps.
     #[test]
     fn products_are_the_sums_written_out() {
         for rows in [1, 7, 8, 9, 23, 40] {

@@ -10,8 +10,8 @@
 //! integrate every function of degree up to `2n - 1`.
 //!
 //! Nodes are computed by Newton's method, from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))`
-//! (Ann. Mat. Pura Appl. 31 (1950)). The method works in doubles, but its last step in double-double, because next to
-//! the poles, where the sine determines the colatitude, the three-term recurrence of `P_n` in doubles gives the sine a
+//! (Ann. Mat. Pura Appl. 31 (1950)). The last step is computed in double-double, all others in doubles. Next to the
+//! poles the sine determines the colatitude, and there the three-term recurrence of `P_n` in doubles gives the sine a
 //! relative error of about n^1.5 eps. Nodes, sines and weights have a relative error of a few eps at any practical n;
 //! this is tested up to n = 4,001.
 //!
@@ -23,10 +23,10 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::DoubleDouble;
 
-/// Number of nodes computed together. This many hide the latency of the recurrence's dependent operations.
+/// Number of nodes computed together. 16 nodes are enough to hide the latency of the recurrence's dependent operations.
 const LANES: usize = 16;
-/// Number of steps of Newton's method in doubles. The guess is worst at the first node, where it is off by about 1 %
-/// of the spacing; 4 steps are enough there.
+/// Number of steps of Newton's method in doubles. The guess is worst at the first node, where its error is about 1 % of
+/// the spacing. Even at this node, 4 steps are enough, so the fifth step is a margin.
 const STEPS: usize = 5;
 
 /// Nodes and weights of Gauss-Legendre quadrature as rings of the sphere, from north to south.
@@ -78,7 +78,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
         for (lane, [cosine, sine, weight]) in nodes(n, first).into_iter().enumerate().take(north - first) {
             let (j, mirror) = (first + lane, n - 1 - first - lane);
             rings.cosines[mirror] = -cosine;
-            // The northern cosine is written after its mirror, so that the equator gets +0.
+            // The northern cosine is written after its mirror image, so that the equator gets +0.
             rings.cosines[j] = cosine;
             (rings.sines[j], rings.sines[mirror]) = (sine, sine);
             (rings.weights[j], rings.weights[mirror]) = (weight, weight);

@@ -16,7 +16,7 @@
 //! high degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe up
 //! to degree 2,700; [`MAX_DEGREE`] is the highest degree that is tested.
 //!
-//! Cost: 3 flops for each value of q, and one for each of its two harmonics.
+//! Cost: 3 flops for each value of q, and one flop for each of the two harmonics computed from it.
 
 use std::ops::{Div, Mul};
 
@@ -122,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_sphere_constant_is_exact_to_double_double() {
-        // pi as a double-double; the product with 4 and the inverse of 4 pi must be 1.
+        // The harmonic of degree 0 is 1 / sqrt(4 pi), so its square times 4 pi must be 1. Here pi is a double-double.
         let pi = DoubleDouble::<false> { hi: std::f64::consts::PI, lo: 1.224_646_799_147_353_2e-16 };
         let product = seeds::<false>(0)[0];
         let scaled = DoubleDouble::<false> { hi: product.hi * SCALE, lo: product.lo * SCALE };

@@ -49,8 +49,8 @@ impl MonicRecurrence {
         self.seeds.len() - 1
     }
 
-    /// Appends `alpha_l` and `s_l` of order m for `l = m..=L` to `alpha` and `scale`. `alpha_m` is zero and
-    /// `alpha_{m+1}` is one.
+    /// Appends the factors `alpha_l` and `s_l` (see the [module](self)) of order m, for `l = m..=L`, to `alpha` and
+    /// `scale`. `alpha_m` is zero and `alpha_{m+1}` is one.
     ///
     /// # Panics
     ///

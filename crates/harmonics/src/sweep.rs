@@ -2,9 +2,9 @@
 //! harmonics of degree l, with a row for each direction and a column for each order.
 //!
 //! For a run of r rows the state consists of `q_{l-1,m}`, `q_{l-2,m}` and the azimuth factors `u^m cos m phi` and
-//! `u^m sin m phi`, four arrays (r, L + 1). They take `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100, so the
-//! state stays in a core's L2 cache. Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two values.
-//! Runs are independent, so each thread can work on its own.
+//! `u^m sin m phi`, four arrays (r, L + 1). These arrays take `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100,
+//! so the state stays in a core's L2 cache. Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two
+//! values. Runs are independent, so each thread can work on its own.
 //!
 //! Rows next to the poles use the double-double recurrence of [`polar`](crate::polar).
 
@@ -24,10 +24,12 @@ pub struct Sweep<'r> {
     next: usize,
     /// Cosine of each row's colatitude.
     z: Vec<f64>,
-    /// Azimuth factors `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, each (rows, L + 1) in column-major order.
+    /// Azimuth factors `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, with u the sine of the colatitude; each
+    /// (rows, L + 1) in column-major order.
     azimuth_cos: Vec<f64>,
     azimuth_sin: Vec<f64>,
-    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l, each (rows, L + 1) in column-major order.
+    /// Values `q_{l,m} / SCALE` of the [`Recurrence`] for the latest even and the latest odd l, each (rows, L + 1) in
+    /// column-major order.
     q: [Vec<f64>; 2],
     polar: Polar,
 }
@@ -72,7 +74,7 @@ impl<'r> Sweep<'r> {
     ///
     /// # Panics
     ///
-    /// If `block` isn't `rows * (2 l + 1)` long, or the degree is above the recurrence's highest.
+    /// If `block` isn't `rows * (2 l + 1)` long, or the degree is above the highest degree of the recurrence.
     pub fn next_degree(&mut self, block: &mut [f64]) {
         let l = self.next;
         assert_eq!(block.len(), self.rows * (2 * l + 1), "expected a block of degree {l} with {} rows", self.rows);
@@ -85,7 +87,7 @@ impl<'r> Sweep<'r> {
     ///
     /// # Panics
     ///
-    /// If the degree is above the recurrence's highest.
+    /// If the degree is above the highest degree of the recurrence.
     pub fn skip_degree(&mut self) {
         self.advance();
     }
@@ -116,7 +118,7 @@ fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin:
 
 #[inline(always)]
 fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    /// Number of rows processed together. Their powers stay in registers and the L1 cache.
+    /// Number of rows processed together. The powers of their x and y stay in registers and the L1 cache.
     const LANES: usize = 16;
     let rows = directions.len();
     for start in (0..rows).step_by(LANES) {
@@ -160,7 +162,8 @@ fn recur(newest: &mut [f64], previous: &[f64], z: &[f64], a: &[f64], b: &[f64]) 
     }
 }
 
-/// Writes the block of degree l: `S_{l,m} = q_{l,m} u^m cos(m phi)`, `S_{l,-m} = q_{l,m} u^m sin(m phi)`.
+/// Writes the harmonics of degree l: `S_{l,m} = q_{l,m} u^m cos(m phi)`, `S_{l,-m} = q_{l,m} u^m sin(m phi)`, with q
+/// from the [`Recurrence`] and u the sine of the colatitude.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn emit(block: &mut [f64], rows: usize, l: usize, q: &[f64], cos: &[f64], sin: &[f64]) {
     let (negative, rest) = block.split_at_mut(l * rows);

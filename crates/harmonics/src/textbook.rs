@@ -1,7 +1,7 @@
 //! Computes harmonics from the angles by the textbook formulas, one value at a time.
 //!
-//! The tests compare [`sweep`](crate::sweep) with this implementation; the two share no code. It is usable up to a
-//! degree of about 150; at higher degrees `sin(theta)^m` underflows next to the poles.
+//! The tests compare [`sweep`](crate::sweep) with this implementation; the two share no code. This implementation is
+//! usable up to a degree of about 150; at higher degrees `sin(theta)^m` underflows next to the poles.
 
 use crate::directions::angles;
 
@@ -23,8 +23,8 @@ pub fn harmonic(degree: usize, order: isize, direction: [f64; 3]) -> f64 {
     }
 }
 
-/// Returns `N P_l^m(cos theta)` without the Condon-Shortley phase. The recurrence goes along the diagonal to degree and
-/// order m, and then up in degree.
+/// Returns `N P_l^m(cos theta)` without the Condon-Shortley phase. The recurrence first increases degree and order
+/// together up to m, and then increases the degree alone.
 fn normalised_legendre(degree: usize, m: usize, theta: f64) -> f64 {
     let (sine, cosine) = theta.sin_cos();
     let mut diagonal = (1.0 / (4.0 * std::f64::consts::PI)).sqrt();
@@ -48,7 +48,7 @@ fn normalised_legendre(degree: usize, m: usize, theta: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Compares the first degrees with their polynomials in x, y, z.
+    /// Compares the harmonics of the first degrees with their polynomials in x, y, z.
     #[test]
     fn low_degrees_are_the_known_polynomials() {
         let pi = std::f64::consts::PI;
@@ -65,7 +65,7 @@ mod tests {
             (s(2, 1), (15.0 / pi).sqrt() / 2.0 * x * z),
             (s(2, 2), (15.0 / pi).sqrt() / 4.0 * (x * x - y * y)),
         ];
-        // harmonic(2, -2) is sqrt2 N P_2^2 sin(2 phi) = sqrt(15/pi)/2 x y, since sin(2 phi) = 2 sin(phi) cos(phi).
+        // harmonic(2, -2) is sqrt2 N P_2^2 sin(2 phi) = sqrt(15/pi)/2 x y, because sin(2 phi) = 2 sin(phi) cos(phi).
         for (found, expected) in known {
             assert!((found - expected).abs() < 1e-15, "{found} {expected}");
         }

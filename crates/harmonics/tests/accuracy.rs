@@ -148,8 +148,8 @@ proptest! {
         }
     }
 
-    /// A rotation transforms the harmonics of one degree by an orthogonal matrix. So the inner product of their values
-    /// at two directions stays equal if both directions are rotated.
+    /// A rotation transforms the harmonics of one degree by an orthogonal matrix. Therefore the inner product of the
+    /// harmonics' values at two directions stays equal if both directions are rotated.
     #[test]
     fn inner_products_of_a_degree_survive_rotation(a in direction(), b in direction(), axis in direction(), angle in 0.0..6.3f64) {
         let recurrence = Recurrence::new(40).unwrap();

@@ -34,7 +34,7 @@ pub fn triangularise(mut matrix: MatMut<'_, f64>) {
 struct Reflectors {
     /// The vectors v as columns (m, k), with v 0 for a column that needs no reflection.
     vectors: Mat<f64>,
-    /// The values tau, `|v|^2 / 2`, or 1 for v = 0.
+    /// The value tau of each reflection: `|v|^2 / 2`, or 1 if v is 0.
     taus: Vec<f64>,
 }
 
@@ -75,7 +75,8 @@ impl Reflectors {
     fn apply(&self, mut matrix: MatMut<'_, f64>) {
         let vectors = self.vectors.as_ref();
         let width = vectors.ncols();
-        // The multiples w of the subtracted vectors satisfy tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
+        // The reflections subtract multiples w_i of the vectors v_i from each column a. These multiples are the
+        // solution of the system tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
         let mut system = Mat::zeros(width, width);
         add_gram(system.as_mut(), vectors.transpose(), 1.0);
         self.taus.iter().enumerate().for_each(|(i, tau)| system[(i, i)] = *tau);

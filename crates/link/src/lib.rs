@@ -1,21 +1,22 @@
-//! Keeps most of OpenBLAS's kernels out of the linked binary. Used by the build scripts of the installed program and of
-//! the Python extension.
+//! Keeps most of OpenBLAS's kernels out of the linked binary. The build scripts of the installed program and of the
+//! Python extension call this crate.
 //!
 //! # Processors
 //!
-//! Debian's static OpenBLAS contains kernels for twenty processors, 40 of its 55 MB, and chooses among them at run
-//! time. Each processor's kernels are reachable only through its table, `gotoblas_NAME`. If a table is linked as an
-//! alias of an older processor's table, its kernels are dropped, and the installed binaries still run everywhere: each
-//! processor uses the best remaining kernels that it can execute. Processors without AVX2, from before 2013, compute
-//! large Cholesky factors more slowly.
+//! Debian's static OpenBLAS contains kernels for twenty types of processors and chooses among them at run time. These
+//! kernels take 40 MB of the library's 55 MB. The kernels for a type of processor are reachable only through one table
+//! of addresses, `gotoblas_NAME`. If this table is linked as an alias of an older processor's table, the linker drops
+//! the kernels of the replaced table. The installed binaries still run on every processor, because each processor uses
+//! the best remaining kernels that it can execute. Only processors without AVX2, from before 2013, compute large
+//! Cholesky factors more slowly.
 //!
 //! # Precisions
 //!
-//! A table has the kernels of all precisions, but the only routines called here are `dgemm`, `dsyrk`, `dtrsm`, `ddot`
-//! and `dpotrf`. The kernels of single precision and of complex numbers, four fifths of the remaining ones, are linked
-//! as address 0: calling one would end the process immediately. `tests/linked.rs` checks that the program contains no
-//! code that calls them; the Python extension calls BLAS only from the same code as the program
-//! (`crates/solver/src/blas.rs`).
+//! A table contains kernels for all precisions, but spharm-rs calls only the double-precision routines `dgemm`,
+//! `dsyrk`, `dtrsm`, `ddot` and `dpotrf`. The kernels for single precision and for complex numbers, four fifths of the
+//! remaining kernels, are therefore linked as address 0. A call of such a kernel would end the process immediately.
+//! `tests/linked.rs` checks that the program contains no code that calls these kernels. The Python extension and the
+//! program call BLAS from the same code (`crates/solver/src/threaded/openblas.rs`).
 
 #![forbid(unsafe_code)]
 
@@ -24,9 +25,10 @@ use std::env;
 use std::fs;
 use std::path::PathBuf;
 
-/// Kernel tables that are linked, each with the dropped tables that it replaces.
+/// OpenBLAS's kernel tables that are linked. Each is followed by the tables that it replaces, which aren't linked.
 const SERVED_BY: [(&str, &[&str]); 3] = [
-    // Kernels without AVX2 and FMA. Their instructions are those that all 64-bit processors have had since 2004.
+    // Kernels without AVX2 and FMA. These kernels contain only instructions that all 64-bit processors have had since
+    // 2004.
     (
         "PRESCOTT",
         &[
@@ -46,7 +48,7 @@ const SERVED_BY: [(&str, &[&str]); 3] = [
             "STEAMROLLER",
         ],
     ),
-    // Kernels with AVX2 and FMA. The dropped tables have the same kernels.
+    // Kernels with AVX2 and FMA. The tables ZEN and EXCAVATOR contain the same kernels, and are therefore dropped.
     ("HASWELL", &["ZEN", "EXCAVATOR"]),
     // Kernels with AVX-512. The dropped table adds only kernels for bfloat16.
     ("SKYLAKEX", &["COOPERLAKE"]),
@@ -66,7 +68,8 @@ pub fn leave_out_kernels() {
         return;
     }
     let Some(path) = library() else {
-        // Warn here: rustc's own message comes minutes later and names neither the missing package nor the alternative.
+        // Warn here, because rustc's own message appears minutes later and mentions neither the missing package nor the
+        // alternative.
         println!(
             "cargo::warning=libopenblas.a was not found in the folders listed in .cargo/config.toml; if linking fails, \
              install OpenBLAS (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features \
@@ -74,8 +77,8 @@ pub fn leave_out_kernels() {
         );
         return;
     };
-    // Link the whole library if it lacks one of these tables: it then doesn't choose kernels at run time, or contains
-    // kernels for other processors.
+    // Link the whole library if it lacks the table of kernels of one of these processors. Such a library doesn't choose
+    // kernels at run time, or contains kernels for other processors.
     let Ok(library) = fs::read(path) else { return };
     let has = |processor: &str| {
         let table = format!("\0gotoblas_{processor}\0");
@@ -91,7 +94,8 @@ pub fn leave_out_kernels() {
     if fs::write(&path, script).is_err() {
         return;
     }
-    // Linkers treat a text file among the objects as part of the linker script, but zig needs an option for it.
+    // Most linkers treat a text file among the objects as part of the linker script, but zig's linker needs an option
+    // for that file.
     let option = if env::var_os(ZIG).is_some() { "-Wl,-T," } else { "" };
     println!("cargo::rustc-link-arg={option}{}", path.display());
 }

@@ -43,7 +43,7 @@ pub enum ModelError {
         /// Path of the file.
         path: PathBuf,
     },
-    /// A coefficient is NaN or infinite. Such a model is neither read nor written.
+    /// A coefficient is NaN or infinite. Models with such a coefficient can be neither read nor written.
     #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
     NonFinite {
         /// Path of the file.
@@ -55,7 +55,7 @@ pub enum ModelError {
         /// Value of the coefficient.
         value: f64,
     },
-    /// The operation needs the model's own sphere, but the model has none.
+    /// The operation needs the sphere of the model, but the model has no sphere.
     #[error("the model has no sphere of its own")]
     NoSphere,
     /// The requested degree exceeds the degree of the model.

@@ -28,8 +28,8 @@ impl Model {
     /// sphere and the result are included.
     ///
     /// The sphere takes 24 bytes per vertex and 12 per triangle. The transform takes [`Transform::bytes`]. Each value
-    /// takes 8 bytes in each of three places: as computed, in the mesh or signal, and while it is written. The
-    /// result's triangles take 12 bytes each.
+    /// is stored three times, with 8 bytes each: in the result of the transform, in the mesh or signal, and in the
+    /// writer's output. The result's triangles take 12 bytes each.
     #[must_use]
     pub fn bytes_to_evaluate(vertices: u64, faces: u64, channels: usize, degree: usize) -> u64 {
         let params = TransformParams { max_degree: degree, accuracy: FINEST, channels: channels.clamp(1, 3) };

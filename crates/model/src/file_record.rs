@@ -76,7 +76,7 @@ impl FileRecord {
     }
 }
 
-/// Returns the name of a file from a recorded path, which may be that of another operating system.
+/// Returns the name of a file from a recorded path, which may have been recorded on another operating system.
 ///
 /// ```
 /// use spharm_model::recorded_name;

@@ -37,7 +37,7 @@ pub struct Transform {
 }
 
 impl Geometry {
-    /// Returns the metadata of a surface's file that a model preserves; `None` if the file has none.
+    /// Returns the metadata of a surface's file that a model preserves; `None` if the file has no such metadata.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let geometry = Self {

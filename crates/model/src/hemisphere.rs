@@ -10,22 +10,25 @@ use crate::model::Model;
 use crate::provenance::Provenance;
 
 impl Model {
-    /// Returns the hemisphere of the brain to which the model belongs: from the metadata of its input, otherwise from
-    /// the name of its input, of its sphere or of its own file `path`. A model that was mirrored after the fit belongs
-    /// to the hemisphere opposite to that of the files from which it was made.
+    /// Returns the hemisphere of the brain to which the model belongs. The hemisphere is taken from the metadata of the
+    /// input. If the metadata don't state the hemisphere, a file name determines it: the name of the input, of the
+    /// sphere or of the model (`path`), in this order. A model that was mirrored after the fit belongs to the
+    /// hemisphere opposite to that of its files.
     #[must_use]
     pub fn hemisphere(&self, path: Option<&Path>) -> Option<Hemisphere> {
         let made = &self.provenance;
         let input = made.input.as_ref().map(|input| Path::new(&input.path));
         let sphere = made.sphere.as_deref().map(Path::new);
         let named = || [input, sphere, path].into_iter().flatten().find_map(named);
-        // Mirroring changes the metadata of a model, but not the names of its files.
+        // Mirroring a model changes its metadata, but not the names of its files. Therefore only a hemisphere from a
+        // file name is replaced by its opposite.
         Hemisphere::of(made.anatomical_structure_primary.as_deref(), None).or_else(|| named().map(|of| self.now(of)))
     }
 
-    /// Returns the anatomical structure as a value of GIfTI's `AnatomicalStructurePrimary`: that of the input or, if
-    /// the model was fitted over the given sphere of a hemisphere, such as `lh.sphere.reg`, the hemisphere's cortex. A
-    /// map made for the model, such as `s1_lh.sphere.surf.gii`, may be that of any body.
+    /// Returns the anatomical structure as a value of GIfTI's `AnatomicalStructurePrimary`. The value is copied from
+    /// the input if the input states it. Otherwise, if the model was fitted over a given sphere of a hemisphere, such
+    /// as `lh.sphere.reg`, the value is the hemisphere's cortex. The name of a sphere that was computed for the model,
+    /// such as `s1_lh.sphere.surf.gii`, isn't used, because the surface may be any body.
     #[must_use]
     pub fn anatomical_structure(&self) -> Option<String> {
         let cortex = || {
@@ -36,20 +39,21 @@ impl Model {
         self.provenance.anatomical_structure_primary.clone().or_else(cortex)
     }
 
-    /// Returns the hemisphere of the model as it is now, given the hemisphere of the files from which it was made.
+    /// Returns the hemisphere of the model after any mirroring, given the hemisphere of the files from which the model
+    /// was made.
     fn now(&self, of_files: Hemisphere) -> Hemisphere {
         if self.provenance.is_mirrored(self.kind()) { of_files.opposite() } else { of_files }
     }
 }
 
 impl Provenance {
-    /// Returns the path of the fit's sphere or mask if its name states the hemisphere opposite to that of the input, by
-    /// the input's metadata or name. An input whose own hemisphere is unknown belongs to that of its sphere. `mask` is
-    /// the mask of the whole run, which the provenance doesn't record. `None` if all belong to one hemisphere, or if
-    /// the hemispheres are unknown.
+    /// Returns the path of the fit's sphere or mask if the file's name states a different hemisphere than the input's
+    /// metadata or name. If neither states the input's hemisphere, the name of the sphere determines it. `mask` is the
+    /// mask of the whole run, which the provenance doesn't record. Returns `None` if all files belong to one
+    /// hemisphere, or if the hemispheres are unknown.
     #[must_use]
     pub fn file_of_other_hemisphere<'a>(&'a self, mask: Option<&'a str>) -> Option<&'a str> {
-        // Every fit records whether it is that of a surface.
+        // Every fit records whether its input is a surface.
         let kind = if self.surface.unwrap_or(true) { Kind::Surface } else { Kind::Signal };
         let mirrored = self.is_mirrored(kind);
         let of = |path: &str| named(Path::new(path)).map(|of| if mirrored { of.opposite() } else { of });
@@ -61,8 +65,8 @@ impl Provenance {
         [sphere, mask, region].into_iter().flatten().find(|path| of(path).is_some_and(|of| of != own))
     }
 
-    /// Returns whether the model is a mirror image, according to its transforms: those applied to the model, and the
-    /// similarity from the surface to the frame of a group.
+    /// Returns whether the model is a mirror image, according to its recorded transforms: the transforms applied to the
+    /// model, and the similarity from the surface to the frame of a group.
     fn is_mirrored(&self, kind: Kind) -> bool {
         let mirrors = |matrix: &Value| {
             let matrix = serde_json::from_value::<[[f64; 3]; 3]>(matrix.clone());
@@ -124,7 +128,7 @@ mod tests {
         assert_eq!(fitted.file_of_other_hemisphere(Some("rh.medial.label")), Some("rh.medial.label"));
         fitted.region = Some(FileRecord { path: "rh.cortex.label".to_owned(), ..FileRecord::default() });
         assert_eq!(fitted.file_of_other_hemisphere(None), Some("rh.cortex.label"));
-        // The hemisphere of the sphere counts if that of the input is unknown.
+        // The hemisphere of the sphere is used if the hemisphere of the input is unknown.
         fitted.input = of_input("s1/thickness").input;
         assert_eq!(fitted.file_of_other_hemisphere(None), Some("rh.cortex.label"));
         fitted.input = of_input("surf/lh.thickness").input;

@@ -9,13 +9,13 @@
 //! | `convention` | text () | [`CONVENTION`] |
 //! | `faces` | i32 (F, 3) | triangles of the sphere, indexed from 0; none if the sphere was a list of angles |
 //! | `directions` | f64 (n, 3) | unit vectors of the sampling scheme |
-//! | `cut_from` | i64 (2,) | of a surface whose handles were cut: its original numbers of vertices and triangles |
+//! | `cut_from` | i64 (2,) | original numbers of vertices and triangles of a surface whose handles were cut |
 //! | `seam` | i32 (k,) | with `cut_from`: the k vertices that are copied, in the order of their copies |
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
 //! | `provenance` | text () | JSON: origin of the model, see [`Provenance`] |
 //!
-//! With `cut_from`, the sphere has the original vertices and triangles first, then the copies of the vertices in
-//! `seam`, then the vertices of fillings; see `Seam` of `spharm-surface`.
+//! If the array `cut_from` exists, the sphere has the original vertices and triangles first, then the copies of the
+//! vertices in `seam`, then the vertices of fillings; see `Seam` of `spharm-surface`.
 //!
 //! The bytes of a file depend only on the model's contents. They don't include times or the names of machines and
 //! users, unless the paths of input and sphere, which are stored as given, contain such names. Only the array

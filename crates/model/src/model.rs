@@ -39,7 +39,7 @@ impl From<Coefficients> for Fitted {
 }
 
 impl Model {
-    /// Creates a model from a fit, or from bare coefficients, and its sphere.
+    /// Creates a model from a sphere and either a fit or coefficients of unknown origin.
     #[must_use]
     pub fn new(sphere: Sphere, fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let mut model = Self::without_sphere(fitted, kind);
@@ -67,10 +67,11 @@ impl Model {
 
     /// Returns whether the two models were fitted over different maps of their own surfaces to the sphere, so that
     /// equal directions don't correspond. Directions of the same map may differ by rounding, as after an alignment.
-    /// Spheres that were given may be registered with each other. A model without a sphere has no map of its own.
+    /// Returns `false` if a sphere was given by the user, because given spheres may be registered with each other. Also
+    /// returns `false` for a model without a sphere.
     #[must_use]
     pub fn mapped_apart(&self, other: &Self) -> bool {
-        /// Largest difference of a coordinate between directions of the same map.
+        /// Two lists of directions belong to the same map if all their coordinates differ by less than this value.
         const ROUNDING: f64 = 1e-3;
         match (&self.sphere, &other.sphere) {
             (Some(own), Some(other)) => {

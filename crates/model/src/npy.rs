@@ -1,8 +1,8 @@
 //! Reads and writes the NumPy array files (`.npy`) in which models and other packages store coefficients.
 //!
-//! Versions 1 to 3 of the format can be read, with real numbers of 32 or 64 bits, complex numbers of 64 or 128 bits, or
-//! text in UCS-4, in either byte order, and in C or Fortran order. Declared sizes are checked against the bytes present
-//! before memory is allocated.
+//! Versions 1 to 3 of the format can be read, in either byte order, and in C or Fortran order. The values may be real
+//! numbers of 32 or 64 bits, complex numbers of 64 or 128 bits, or text in UCS-4. Declared sizes are checked against
+//! the bytes present before memory is allocated.
 //!
 //! Source: NumPy Enhancement Proposal 1, and `numpy.lib.format`.
 

@@ -10,7 +10,7 @@ use spharm_surface::range::times_within;
 use crate::file_record::{self, FileRecord};
 use crate::geometry::Geometry;
 
-/// Origin of a model. In JSON it is one object with the fields of this struct and of [`Settings`].
+/// Origin of a model. In JSON, the provenance is one object with the fields of this struct and of [`Settings`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Provenance {
@@ -20,7 +20,7 @@ pub struct Provenance {
     /// Versions of the software that made the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub versions: Option<Versions>,
-    /// Name of the surface in a study's table, if it belongs to one.
+    /// Name of the surface in a study's table, if the surface belongs to a study.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
     /// File of the fitted surface or signal; `None` in models of version 0.1.
@@ -52,17 +52,17 @@ pub struct Provenance {
     pub voxels: Option<VoxelRecord>,
     /// GIfTI's `AnatomicalStructurePrimary` of the input, such as `CortexLeft`.
     pub anatomical_structure_primary: Option<String>,
-    /// Voxel size along x, y and z in mm, if the user gave one that replaces the size in the volume's file.
+    /// Voxel size along x, y and z in mm, if the user gave a size that replaces the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
-    /// Order of the axes of a NumPy file, if the user gave another order than `xyz`.
+    /// Order of the axes of a NumPy file, if the user gave an order other than `xyz`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axes: Option<String>,
     /// Kind of the surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models of
     /// earlier versions, whose surfaces follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_surface: Option<String>,
-    /// Radius for a smooth surface in voxels, if it isn't the default.
+    /// Smoothing radius of a smooth surface in voxels, if it isn't the default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smooth_radius: Option<f64>,
     /// Threshold of grey values, if the input is a volume of grey values. Voxels at or above the threshold are inside
@@ -103,7 +103,7 @@ pub struct VoxelRecord {
     pub count: usize,
     /// Lengths of a voxel's edges, in mm.
     pub size: [f64; 3],
-    /// Whether the label touches the border of the volume, and so may be cut off.
+    /// Whether the label touches the border of the volume. If it does, the body may be truncated.
     pub at_border: bool,
 }
 
@@ -127,7 +127,7 @@ pub struct Settings {
     /// were fitted to the vertices.
     #[serde(default, alias = "target")]
     pub objective: Option<String>,
-    /// Largest area distortion allowed in the mapping of a mesh without a sphere, if it was given.
+    /// Largest area distortion allowed in the mapping of a mesh without a sphere, if the user gave a limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
     /// Number of passes over the basis.
@@ -165,7 +165,7 @@ pub struct Settings {
     /// Choice of the smoothness penalty lambda: `default`, `fixed` or `auto`; `None` in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
-    /// Smoothness penalty used, lambda; the largest one if each channel has its own.
+    /// Smoothness penalty lambda that was used. If each channel has its own penalty, this is the largest penalty.
     pub smoothness: f64,
     /// Scalar type of the basis: `f64` or `f32`.
     pub dtype: String,
@@ -176,20 +176,20 @@ pub struct Settings {
 pub struct Distances {
     /// Whether the distances were measured after an additional pass, which removes remaining rounding errors.
     pub refinement: bool,
-    /// Mean squared distance for a bounding box of volume 1; `None` if the bounding box has no volume.
+    /// Mean squared distance after scaling the bounding box to volume 1; `None` if the bounding box has no volume.
     pub msd: Option<f64>,
-    /// Maximal squared distance for a bounding box of volume 1; `None` if the bounding box has no volume.
+    /// Maximal squared distance after scaling the bounding box to volume 1; `None` if the bounding box has no volume.
     pub xsd: Option<f64>,
     /// Mean squared distance, in the square of the input's unit.
     pub msd_raw: f64,
     /// Maximal squared distance, in the square of the input's unit.
     pub xsd_raw: f64,
-    /// Root of the mean squared distance, in the input's unit. It is needed if the squared distance is outside the
-    /// range of f64, in which case `msd_raw` is clamped to that range.
+    /// Root of the mean squared distance, in the input's unit. This field is needed if the squared distance is outside
+    /// the range of f64, in which case `msd_raw` is clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_raw: Option<f64>,
-    /// Largest distance, in the input's unit. It is needed if the squared distance is outside the range of f64, in
-    /// which case `xsd_raw` is clamped to that range.
+    /// Largest distance, in the input's unit. This field is needed if the squared distance is outside the range of f64,
+    /// in which case `xsd_raw` is clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_raw: Option<f64>,
 }

@@ -1,7 +1,7 @@
 //! Computes the moments of tables of samples, in limited memory.
 //!
-//! While one chunk of samples is read, the previous chunk is converted and spread onto the grids. This needs memory for
-//! an [`Accumulator`] and three chunks, whatever the size of the tables.
+//! While one chunk of samples is read, the previous chunk is converted and spread onto the grids of the transforms. The
+//! computation needs memory for an [`Accumulator`] and three chunks, regardless of the size of the tables.
 
 use std::ops::Range;
 use std::path::PathBuf;
@@ -21,11 +21,11 @@ use crate::key::{Key, are_equal};
 use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
-/// Largest number of samples per chunk, enough to occupy all threads. It is a multiple of the block size, so the sums
-/// have the same bits for any number of threads.
+/// Largest number of samples per chunk, enough to occupy all threads. This number is a multiple of the block size, so
+/// the sums have the same bits for any number of threads.
 const CHUNK: usize = 1 << 19;
 /// Largest number of samples per thread and chunk, small enough that the samples stay in the core's cache between the
-/// steps of processing. It is a multiple of the block size, too.
+/// steps of processing. This number is also a multiple of the block size.
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
 /// A request for moments: the tables to read, their columns, and the highest degree of fits from the moments.
@@ -35,7 +35,7 @@ pub struct Request {
     pub files: Vec<PathBuf>,
     /// Names of the columns for positions, values and weights.
     pub columns: Columns,
-    /// Highest degree of fits, L.
+    /// Highest degree L of fits from the moments.
     pub max_degree: usize,
     /// The part of each table to read.
     pub shard: Shard,
@@ -44,13 +44,13 @@ pub struct Request {
 }
 
 impl Request {
-    /// Creates a request for the moments of whole tables. The names of the value columns must still be set.
+    /// Creates a request for the moments of entire tables. The caller must then set the names of the value columns.
     pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
     }
 
-    /// Returns the sampling scheme that gives the positions, or `None` if columns give them. With a scheme, each table
-    /// has one row per direction.
+    /// Returns the sampling scheme that defines the samples' positions, or `None` if columns of the table contain the
+    /// positions. With a scheme, each table has one row per direction.
     fn scheme(&self) -> Option<&Directions> {
         match &self.columns.positions {
             Some(Positions::Scheme(directions)) => Some(directions),
@@ -90,7 +90,8 @@ pub enum Warning {
         /// Number of all samples.
         rows: u64,
     },
-    /// Two tables are the same file, or equal files, so the errors of a fit seem smaller than they are.
+    /// Two paths lead to the same file, or to files with equal bytes. Each sample then enters the sums twice, so a fit
+    /// reports errors that are too small.
     #[error(
         "{} and {} are equal, byte for byte: their samples count twice, and standard errors become too small",
         .first.display(), .second.display()
@@ -101,7 +102,7 @@ pub enum Warning {
         /// Path of a later table with the same bytes.
         second: PathBuf,
     },
-    /// Two parts have equal sums, so they are probably of the same samples.
+    /// Two parts of the samples have equal sums, so they probably contain the same samples.
     #[error(
         "{first} and {second} have equal sums: if both are of the same samples, the samples count twice, and standard \
          errors become too small"
@@ -148,11 +149,11 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let scheme = request.scheme();
     let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
     let mut key = Key::new(&request.columns, scheme_key);
-    // With a sampling scheme, each table is opened as a whole, and only this range of its rows is used.
+    // With a sampling scheme, each table is read completely, but only this range of its rows is used.
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
-    // Tables may be moved or deleted as soon as they have been read, so compare them before.
+    // Compare the tables before they are read, because a table may be moved or deleted as soon as it has been read.
     let mut warnings = equal_tables(&request.files);
     monitor.begin(Stage::counted("moments", "rows"), 0);
     for path in &request.files {
@@ -211,7 +212,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     Ok(Accumulated { moments, warnings, seconds })
 }
 
-/// Returns a warning for each table that equals an earlier one. A table that can't be read equals no other.
+/// Returns a warning for each table that equals an earlier one. A table that can't be read is treated as different from
+/// every other table.
 fn equal_tables(files: &[PathBuf]) -> Vec<Warning> {
     let mut known: Vec<(&PathBuf, [u8; 32])> = Vec::new();
     let mut warnings = Vec::new();
@@ -238,7 +240,7 @@ pub fn bytes(max_degree: usize, channels: usize) -> usize {
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
-    // A sampling scheme also needs memory for its directions. Per-vertex files are read into memory as a whole.
+    // A sampling scheme also needs memory for its directions. Per-vertex files are completely read into memory.
     let directions = request.scheme().map_or(0, |directions| std::mem::size_of_val(directions.as_slice()));
     let values = request.files.iter().filter(|path| directions > 0 && !is_table(path)).map(|path| bytes_to_read(path));
     let values = usize::try_from(values.max().unwrap_or(0)).unwrap_or(usize::MAX);
@@ -273,8 +275,8 @@ impl Reading<'_> {
             monitor.check()?;
             next.clear();
             let started = Instant::now();
-            // The caller's pool may have only one thread, which then runs one closure after the other. So neither may
-            // wait for the other.
+            // If the caller's pool has only one thread, this thread runs the two closures one after the other.
+            // Therefore neither closure may wait for the other.
             let (count, done) = rayon::join(
                 || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
                 || self.one(&rows, before, &mut chunk),

@@ -1,8 +1,7 @@
-//! Computes the moments of samples in memory, which may be one chunk of a larger set of samples that the caller
-//! manages.
+//! Computes the moments of samples in memory. These samples may be one chunk of a larger set that the caller manages.
 //!
-//! Arrays are identified by a name that the caller gives to the whole set, or by all their bytes; tables, by contrast,
-//! are identified by their names, sizes, and first and last bytes. With this identification,
+//! Arrays are identified by a name that the caller gives to the larger set or, without a name, by all their bytes.
+//! Tables are identified by their names, sizes, and first and last bytes. By this identification,
 //! [`merge`](mod@crate::merge) detects missing and repeated chunks, as it does for shards of tables. The computation
 //! needs memory for an [`Accumulator`] and one chunk of converted samples.
 
@@ -33,9 +32,10 @@ pub struct Samples<'a> {
 /// Identifies the samples in memory as a part of a larger set.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Part {
-    /// Name of the larger set. `None` (default) identifies the samples by their own bytes.
+    /// Name of the larger set. With `None` (default), the samples aren't a part of a named set, and are identified by a
+    /// hash of their own bytes.
     pub whole: Option<String>,
-    /// The part of the larger set that these samples are.
+    /// The shard of the larger set that consists of these samples.
     pub shard: Shard,
 }
 

@@ -62,7 +62,7 @@ pub enum MomentsError {
         path: PathBuf,
         /// Name of both columns.
         column: String,
-        /// Places of the columns, counted from 1.
+        /// Positions of the two columns in the table, counted from 1.
         places: [usize; 2],
     },
     /// The requested columns don't determine the samples' positions or values.
@@ -156,8 +156,8 @@ pub enum MomentsError {
         /// The number of shards.
         of: u32,
     },
-    /// A shard of standard input was requested. Standard input can only be read as a whole, because it can't be
-    /// repositioned.
+    /// A shard of standard input was requested. Standard input must be read from its start to its end, because the read
+    /// position can't be moved.
     #[error(
         "standard input can't be divided into shards; write the data to a file, or give each process only its own part \
          of the data"
@@ -222,21 +222,22 @@ pub enum MomentsError {
         /// The samples that both parts contain.
         what: String,
     },
-    /// Shards are missing, so the parts don't make up the whole.
+    /// Shards are missing, so the parts don't contain all samples.
     #[error("{} missing: {}", ranges(.missing.len()), .missing.join(", "))]
     Missing {
         /// The missing shards.
         missing: Vec<String>,
     },
-    /// Shards of different tables, or of versions of a table, make up one whole.
+    /// The numbers of the shards fit together, but the shards belong to different tables or to different versions of a
+    /// table.
     #[error(
         "{first} and {second}: the numbers of these shards fit together, but the shards were computed from different \
          tables or columns, or the file changed in between; compute all shards again from one file"
     )]
     Versions {
-        /// Name of a part with a shard of one table.
+        /// Name of the part whose shard precedes that of `second`.
         first: String,
-        /// Name of the part with the next shard, of another table.
+        /// Name of the part with the next shard, which belongs to another table or version than the shard of `first`.
         second: String,
     },
     /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.

@@ -16,8 +16,9 @@ use crate::{MomentsError, Source as PartSource};
 ///
 /// [`MomentsError::Differ`] if the parts differ in degree or channels, [`MomentsError::Overlap`] if two parts have
 /// samples in common, [`MomentsError::Missing`] if shards are missing and `partial` isn't set,
-/// [`MomentsError::Versions`] if the missing shards are there, but of another table or of a table that changed, and
-/// [`MomentsError::NoParts`] if the list is empty. Errors identify a part by its number in the list, from 1.
+/// [`MomentsError::Versions`] if the numbers of the shards fit together but the shards belong to different tables or to
+/// different versions of a table, and [`MomentsError::NoParts`] if the list is empty. Errors identify a part by its
+/// number in the list, from 1.
 pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
     let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
     merge_named(parts.into_iter().map(Ok), names, partial)
@@ -52,8 +53,8 @@ pub fn merge_named(
     Ok(all)
 }
 
-/// Returns a warning for each part whose sums equal those of an earlier part. `hashes` are the parts' hashes, see
-/// [`Moments::sums_hash`].
+/// Returns a warning for each part whose sums equal the sums of an earlier part. `hashes` contains the result of
+/// [`Moments::sums_hash`] for each part.
 pub fn equal_sums(hashes: &[Option<[u8; 32]>], names: &[String]) -> Vec<Warning> {
     let known = |(number, hash): (usize, &Option<[u8; 32]>)| {
         let first = hashes[..number].iter().position(|other| hash.is_some() && other == hash)?;
@@ -92,7 +93,8 @@ fn add(all: &mut Moments, part: Moments) {
     all.weight += part.weight;
 }
 
-/// Returns the sources of all parts, with the shards of each complete source replaced by one entry for the whole.
+/// Returns the sources of all parts. The shards of each complete source are replaced by one entry for the entire
+/// source.
 fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
     let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
     for (source, part) in held {
@@ -100,7 +102,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     }
     let (mut joined, mut missing, mut incomplete) = (Vec::new(), Vec::new(), Vec::new());
     for (key, mut shards) in by_key {
-        // Sort the shards by their start, which is a fraction of the whole. Cross products compare fractions exactly.
+        // Sort the shards by their start, which is a fraction of the source. `cmp_to` compares fractions exactly.
         shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
         for pair in shards.windows(2) {
             let [(a, first), (b, second)] = pair else { continue };
@@ -129,7 +131,8 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     })
 }
 
-/// Returns two parts with adjacent shards of different keys if the shards make up one whole in spite of their keys.
+/// Finds two parts whose adjacent shards have different keys. Returns `None` unless the numbers of all shards fit
+/// together, so that the shards would form one complete source if their keys were equal.
 fn of_versions(mut shards: Vec<(Source, usize)>) -> Option<[usize; 2]> {
     shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
     let mut reached = Fraction { above: 0, below: 1 };
@@ -148,7 +151,8 @@ fn of_versions(mut shards: Vec<(Source, usize)>) -> Option<[usize; 2]> {
 }
 
 impl Moments {
-    /// Returns descriptions of the shards that the moments lack, such as `shard 1/2`; empty if no shard is missing.
+    /// Returns descriptions of the shards that the moments lack, such as `shard 1/2`. The list is empty if no shard is
+    /// missing.
     pub fn missing_shards(&self) -> Vec<String> {
         let mut by_key: BTreeMap<[u8; 32], Vec<Shard>> = BTreeMap::new();
         for source in &self.sources {
@@ -162,7 +166,8 @@ impl Moments {
     }
 }
 
-/// Returns descriptions of the shards of a whole that are missing from `shards`, which are sorted by their start.
+/// Returns descriptions of the shards of a source that are missing from `shards`. `shards` must be sorted by their
+/// start.
 fn absent(shards: impl Iterator<Item = Shard>) -> Vec<String> {
     let (mut reached, mut of, mut missing) = (Fraction { above: 0, below: 1 }, 1, Vec::new());
     for shard in shards {
@@ -173,8 +178,8 @@ fn absent(shards: impl Iterator<Item = Shard>) -> Vec<String> {
     missing
 }
 
-/// Adds a description of the shards between the fractions `from` and `to` of the whole, if there are any, to `missing`.
-/// The whole is divided into `of` shards.
+/// Adds to `missing` a description of the shards between the fractions `from` and `to` of a source that is divided into
+/// `of` shards. Adds nothing if `to` isn't above `from`.
 fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
     if !from.cmp_to(to).is_lt() {
         return;

@@ -8,7 +8,7 @@ use crate::MomentsError;
 /// Largest number of shards into which a table may be divided.
 pub const MOST_SHARDS: u32 = 1 << 24;
 
-/// One of `of` nearly equal parts of the samples.
+/// A shard: one of several nearly equal parts into which the samples are divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Shard {
     /// Index of the part, from 0.
@@ -65,9 +65,9 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// Returns the name of the first channel whose sum of squares is unusable: it is outside the range of f64, or so
-    /// small that it lacks full precision even though the channel has nonzero values. The error of a fit couldn't be
-    /// computed from such a sum. Returns `of the weights` if the sums of the weights are unusable.
+    /// Returns the name of the first channel whose sum of squares is unusable. Such a sum is outside the range of f64,
+    /// or so small that it lacks full precision even though the channel has nonzero values. The error of a fit couldn't
+    /// be computed from such a sum. Returns `of the weights` if the sums of the weights are unusable.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());
@@ -83,8 +83,8 @@ impl Moments {
         beyond.next().map(|(_, channel)| channel.as_str())
     }
 
-    /// Returns a hash of the sums. Moments of the same samples have the same hash, whatever the name of the table;
-    /// `None` if all right-hand sides are zero, because different samples may then have the same sums.
+    /// Returns a hash of the sums. Moments of the same samples have the same hash, whatever the name of the table.
+    /// Returns `None` if all right-hand sides are zero, because different samples may then have the same sums.
     pub fn sums_hash(&self) -> Option<[u8; 32]> {
         let sums = &self.sums;
         let mut hash = blake3::Hasher::new();

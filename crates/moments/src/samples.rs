@@ -79,7 +79,7 @@ impl Positions {
 pub struct Columns {
     /// Positions of the samples; by default the columns x, y, z, or lon, lat, or theta, phi, whichever exist.
     pub positions: Option<Positions>,
-    /// Columns of values, one channel each. [`RADIUS`] stands for the distance from the centre.
+    /// Columns of values, one channel each. The name [`RADIUS`] denotes the distance from the centre.
     pub values: Vec<String>,
     /// Column of weights; by default all weights are 1.
     pub weight: Option<String>,
@@ -321,8 +321,8 @@ fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
 const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
 /// Largest accepted absolute azimuth: 2 pi, with the same margin.
 const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
-/// Largest accepted deviation of a unit vector's length from 1. It allows for values that have single precision or few
-/// digits.
+/// Largest accepted deviation of a unit vector's length from 1. This tolerance allows for values that have single
+/// precision or few digits.
 const UNIT: f64 = 1e-3;
 
 #[cfg(test)]

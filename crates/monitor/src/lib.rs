@@ -2,7 +2,7 @@
 //!
 //! Every function of this project that may take longer than a second takes a `&dyn Monitor`. The function announces a
 //! stage, counts its steps, and checks between steps whether it should stop. A command-line program implements
-//! `Monitor` with a progress bar, a language binding with callbacks; [`Silent`] does nothing.
+//! `Monitor` with a progress bar, and a language binding implements it with callbacks. [`Silent`] does nothing.
 //!
 //! ```
 //! use std::sync::atomic::{AtomicU64, Ordering};
@@ -77,7 +77,7 @@ impl Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Level {
-    /// Note on the current activity, shown beside the progress until the next status replaces it.
+    /// Note on the current activity, shown next to the progress until the next status replaces it.
     Status,
     /// Note that is shown only to users who asked for detailed output.
     Detail,

@@ -1,7 +1,8 @@
 //! Formats numbers for tables and messages.
 
-/// Formats a number with four significant digits, or with all digits before the decimal point if there are more:
-/// `0.2450`, `12.30`, `40962`, `3.100e-6`. Numbers below 0.0001 and from a million get an exponent.
+/// Formats a number with four significant digits, or with all digits before the decimal point if these are more than
+/// four: `0.2450`, `12.30`, `40962`, `3.100e-6`. Numbers below 0.0001, and numbers of a million or more, are written
+/// with an exponent.
 #[must_use]
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {

@@ -35,7 +35,7 @@ pub(crate) struct Measured {
     pub(crate) seconds: f64,
 }
 
-/// Maximum number of refinement sweeps after the single pass of NLSF, equal to the value in `fit`.
+/// Maximum number of refinement sweeps after the single pass of NLSF, equal to that of the command `spharm fit`.
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {

@@ -57,13 +57,13 @@ pub(crate) struct Nlsf {
     pub(crate) vertices: usize,
     /// Memory limit in bytes.
     pub(crate) memory: usize,
-    /// Largest degree with a planned memory within the limit; `None` if even degree 0 exceeds it.
+    /// Largest degree whose planned memory is within the limit; `None` if even degree 0 exceeds it.
     pub(crate) max_degree: Option<usize>,
     /// Whether `max_degree` is the highest degree of the basis, so that higher degrees weren't tried.
     pub(crate) capped: bool,
     /// Planned memory in bytes at `max_degree`.
     pub(crate) planned: Option<usize>,
-    /// Degree and result of a fit within the limit, if one was run.
+    /// Degree and result of a fit within the memory limit, if such a fit was run.
     pub(crate) fitted: Option<(usize, Measured)>,
 }
 
@@ -147,7 +147,7 @@ pub(crate) fn grid(
 }
 
 /// Measures the distance between a surface and its reconstruction at about four times as many vertices. In contrast,
-/// msd and xsd measure only the fitted vertices, between which a fit isn't constrained.
+/// msd and xsd measure the distance only at the fitted vertices. A fit isn't constrained between these vertices.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
@@ -158,8 +158,8 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
 }
 
 /// Runs the experiment of table 1. For the memory limit and 1/2, 1/4 and 1/8 of it, finds the largest degree at which
-/// the solver's plan for NLSF stays within the limit. For the full limit, also runs a fit at this degree, or at
-/// `extent.nlsf` if that is lower.
+/// the solver's plan for NLSF stays within the limit. For the full limit, also runs a fit at this degree, or at degree
+/// `extent.nlsf` if it is lower.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,

@@ -15,7 +15,7 @@ pub(crate) struct Extent {
     pub(crate) passes: usize,
     /// Highest degree at which NLSF is run for table 1. For higher degrees, only its memory is planned.
     pub(crate) nlsf: usize,
-    /// Degrees in the first part of figure 3, at the cortex's number of vertices.
+    /// Degrees of the bases in the first part of figure 3, which have as many directions as the cortex has vertices.
     pub(crate) basis_degrees: &'static [usize],
     /// Degree in the second part of figure 3.
     pub(crate) basis_degree: usize,
@@ -39,7 +39,7 @@ const FULL: Extent = Extent {
     families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
-/// Small sizes, with which a check that the experiments work takes seconds instead of minutes.
+/// Small sizes for a quick check that the experiments work. They take seconds instead of minutes.
 const QUICK: Extent = Extent {
     subdivisions: 4,
     max_degree: 20,

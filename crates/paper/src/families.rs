@@ -1,5 +1,5 @@
 //! Compares least squares at the vertices with Healy's quadrature on a grid to which the surface is resampled. The
-//! paper leaves this comparison for future work.
+//! paper by Shen and Chung leaves this comparison for future work.
 
 use std::time::Instant;
 
@@ -31,7 +31,7 @@ pub(crate) struct Family {
     pub(crate) quadrature: Measured,
 }
 
-/// Relative accuracy of the transforms, equal to the value in `fit`.
+/// Relative accuracy of the transforms, equal to that of the command `spharm fit`.
 const ACCURACY: f64 = 1e-12;
 
 pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) -> Result<Vec<Family>> {

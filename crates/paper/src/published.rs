@@ -1,4 +1,5 @@
-//! Provides results for comparison: the paper's results, and expected results from a reference file in the data folder.
+//! Provides results for comparison with the measurements: the paper's results, and expected results from a reference
+//! file in the data folder.
 //!
 //! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006.
 
@@ -64,7 +65,7 @@ pub(crate) struct Reference(BTreeMap<String, OfSurface>);
 const LARGEST: u64 = 1 << 24;
 
 impl Reference {
-    /// Reads `reference.json` in a data folder. Without such a file, the reference is empty.
+    /// Reads `reference.json` in a data folder. If the file doesn't exist, the reference is empty.
     pub(crate) fn beside(data: &Path) -> Result<Self> {
         let path = data.join("reference.json");
         if !path.exists() {

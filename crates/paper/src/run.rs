@@ -41,7 +41,7 @@ impl Experiments {
     ///
     /// # Errors
     ///
-    /// An error if the folder or a file in it can't be read.
+    /// Returns an error if the folder or a file in it can't be read.
     pub fn new(settings: Settings, data: Option<&Path>, monitor: &dyn Monitor) -> Result<Self> {
         let mut surfaces = vec![generated(settings.extent().subdivisions)?];
         let mut reference = Reference::default();
@@ -59,14 +59,15 @@ impl Experiments {
         tables.chain(figures::names(&self.names())).chain([SUMMARY.to_owned()]).collect()
     }
 
-    /// Runs all experiments. Bases are stored in the folder `store`; if it is `None`, in a temporary folder within
-    /// `beside`.
+    /// Runs all experiments. Bases are stored in the folder `store`. If `store` is `None`, they are stored in a
+    /// temporary folder within `beside`.
     ///
     /// # Errors
     ///
-    /// An error if a basis can't be built, a fit fails, or the monitor cancels.
+    /// Returns an error if a basis can't be built, a fit fails, or the monitor cancels the run.
     pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
-        /// Memory of the program, its stacks and its allocator in bytes, equal to the estimate in `fit`.
+        /// Memory of the program, its stacks and its allocator in bytes, equal to the estimate of the command
+        /// `spharm fit`.
         const BASE: usize = 12 << 20;
         let Settings { memory, threads, .. } = self.settings;
         let store = Store::new(store, beside)?;

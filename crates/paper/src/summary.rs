@@ -1,4 +1,4 @@
-//! Writes the summary, which compares the measurements with the paper's.
+//! Writes the summary, which compares the measurements with the paper's results.
 
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};

@@ -49,8 +49,8 @@ impl Surface {
 /// of the paper, and whether to subdivide it.
 type Known = (&'static str, &'static str, &'static str, Kind, bool);
 
-/// Surfaces that the data folder may contain. Hippocampi are subdivided, because their files have about 2,400
-/// vertices, whereas the paper's hippocampus has 10,082.
+/// Surfaces that the data folder may contain. Hippocampi are subdivided, because their files have about 2,400 vertices,
+/// whereas the paper's hippocampus has 10,082 vertices.
 const KNOWN: [Known; 5] = [
     ("cort40962", "cort40962.surf.gii", "cort40962.sphere.surf.gii", Kind::Cortex, false),
     ("head27618", "head27618.surf.gii", "head27618.sphere.surf.gii", Kind::Head, false),

@@ -13,7 +13,7 @@ use crate::stretch::{StretchParams, stretch};
 ///
 /// # Errors
 ///
-/// The error of `cald` if it isn't [`ParametrizeError::NotBijective`] or [`ParametrizeError::NoPlace`]; the error of
+/// The error of `cald`, unless it is [`ParametrizeError::NotBijective`] or [`ParametrizeError::NoPlace`]; the error of
 /// `stretch` if both methods fail.
 pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     match cald(surface, params, monitor) {
@@ -27,7 +27,7 @@ pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     }
 }
 
-/// Maps a closed surface to the sphere by the default method: [`auto`] without a monitor.
+/// Maps a closed surface to the sphere by the default method. Equivalent to [`auto`] with a monitor that does nothing.
 ///
 /// # Errors
 ///

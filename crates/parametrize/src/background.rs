@@ -13,8 +13,8 @@ use spharm_monitor::{Interrupted, Monitor};
 /// Interval between checks of the monitor.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Runs `work`, on its own thread if it is `long`. If the monitor asks to stop, returns at once and leaves the thread
-/// running.
+/// Runs `work`, on a separate thread if `long` is true. If the monitor asks to stop, returns at once and leaves the
+/// thread running.
 pub(crate) fn abandonable<T: Send + 'static>(
     long: bool,
     monitor: &dyn Monitor,

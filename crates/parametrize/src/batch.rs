@@ -74,7 +74,7 @@ impl Batch {
     }
 }
 
-/// Number of lanes computed together. The number of triangles of a batch is rounded up to a multiple of it.
+/// Number of lanes computed together. The number of triangles of a batch is rounded up to a multiple of this number.
 const LANES: usize = 8;
 
 #[inline(always)]

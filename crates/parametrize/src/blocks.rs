@@ -16,11 +16,12 @@ const ROWS: usize = 1024;
 
 /// The sparsity pattern of the matrix, and the position of each triangle's blocks in it.
 pub(crate) struct Pattern {
-    /// Start of each row in `columns`, then the length of `columns`.
+    /// Index in `columns` of each row's first block. The last entry is the length of `columns`.
     pub(crate) starts: Vec<u32>,
-    /// Vertex of each block: in each row the row's own vertex first, then its neighbours in ascending order.
+    /// Vertex that is the column of each block. Each row begins with the row's own vertex, followed by the vertex's
+    /// neighbours in ascending order.
     pub(crate) columns: Vec<u32>,
-    /// Start of each vertex's entries in `corners`, then the number of all entries.
+    /// Index in `corners` of each vertex's first entry. The last entry is the length of `corners`.
     around: Vec<u32>,
     /// The triangle corners at each vertex, encoded as three times the triangle's index plus the corner's number.
     corners: Vec<u32>,
@@ -29,7 +30,7 @@ pub(crate) struct Pattern {
 }
 
 impl Pattern {
-    /// Builds the pattern of triangles over vertices 0..n.
+    /// Builds the pattern for triangles over the vertices 0..n.
     pub(crate) fn new(n: usize, faces: &[[u32; 3]]) -> Self {
         let mut around = vec![0_u32; n + 1];
         faces.iter().flatten().for_each(|&v| around[v as usize + 1] += 1);

@@ -2,14 +2,16 @@
 //! Shen and F. Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and Vision Computing 24, 2006).
 //!
 //! As in the paper, local and global smoothing start from a one-to-one map. Local smoothing moves single vertices
-//! within the triangles around them; global smoothing moves all vertices at once. Unlike in the paper, both descend the
-//! same energy, area distortion plus a weighted shape distortion (`energy.rs`), so neither undoes the other, and no
-//! step may flip a triangle. The weight of shape distortion is lowered from stage to stage until areas are equal
-//! enough, but no further: the remaining weight keeps the map smooth, and a fit over a smooth map needs fewer degrees.
+//! within the triangles around them; global smoothing moves all vertices at once. Unlike in the paper, both kinds of
+//! smoothing minimise the same energy: area distortion plus weighted shape distortion (`energy.rs`). Therefore neither
+//! of them undoes the other. No step may flip a triangle. The weight of shape distortion is lowered from stage to stage
+//! until areas are equal enough, but no further. The remaining weight keeps the map smooth, and a fit over a smooth map
+//! needs fewer degrees.
 //!
-//! If the allowed area distortion isn't used up, the rest is spent on residual-adaptive areas (`residual_areas.rs`):
-//! rounds increase the sampling density where a model's residual is large, as long as the error of a fit decreases. The
-//! error of a fit over such a map is a fifth to a half smaller than over a map with the surface's own areas.
+//! If the area distortion is then smaller than allowed, the remaining distortion is used for residual-adaptive areas
+//! (`residual_areas.rs`). Each round increases the sampling density where a model's residual is large. The rounds
+//! continue as long as the error of a fit decreases. The error of a fit over such a map is a fifth to a half smaller
+//! than over a map with the surface's own areas.
 
 use std::time::Instant;
 
@@ -28,7 +30,7 @@ use crate::residual_areas::{adapted, degree_for, residual};
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
 
 /// Weight of the term that bounds lengths, relative to the weight of shape distortion. At ten times this value, the
-/// area distortion of figures with arms nearly doubles (homer: 0.15 instead of 0.08).
+/// area distortion of figures with arms nearly doubles (0.15 instead of 0.08 for the surface `homer`).
 const BOUND: f64 = 0.02;
 
 /// Share of the allowed area distortion that may be used to lower the shape distortion.
@@ -38,7 +40,8 @@ const FOR_SHAPE: f64 = 0.75;
 /// smoothing, which still changes areas slightly.
 const AIM: f64 = 0.98;
 
-/// Largest area distortion accepted in exchange for lower shape distortion. With more, the error of a fit increases.
+/// Largest area distortion accepted in exchange for lower shape distortion. A larger area distortion increases the
+/// error of a fit.
 const MOST_FOR_SHAPE: f64 = 0.3;
 
 /// Largest number of rounds that adapt the target areas.
@@ -48,15 +51,15 @@ const ROUNDS: usize = 8;
 /// multiplied.
 const STEP: f64 = 0.2;
 
-/// Smallest change of target areas for which a round is made, measured like [`STEP`].
+/// No round is made if it could change the target areas by less than this amount, measured like [`STEP`].
 const SMALLEST_STEP: f64 = 0.03;
 
-/// Residual, relative to the surface's radius, below which areas aren't adapted. So small a residual can't be
-/// distinguished from the error of the fit itself.
+/// Areas aren't adapted if the residual, relative to the surface's radius, is below this value. A residual this small
+/// can't be distinguished from the error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// Largest ratio of a round's residual to the previous one at which the round is kept. If the surface is a sphere, no
-/// round is kept.
+/// A round is kept only if it reduces the residual to less than this share of its previous value. If the surface is a
+/// sphere, no round achieves this, so no round is kept.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
@@ -65,9 +68,9 @@ pub struct CaldParams {
     /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1; 0 for areas as equal as
     /// possible. Default 0.1. The allowed distortion is used for lower shape distortion and residual-adaptive areas.
     pub area: f64,
-    /// Degree of the model whose residual the areas adapt to; below 2, areas aren't adapted. Default `None`: the
-    /// degree, at most 100, with half as many basis functions as the surface has vertices. In any case the model has at
-    /// most two thirds as many basis functions as there are vertices.
+    /// The areas adapt to the residual of a model of this degree. If the degree is below 2, areas aren't adapted.
+    /// Default `None`: the degree at which a model has half as many basis functions as the surface has vertices, but at
+    /// most 100. In any case the model has at most two thirds as many basis functions as there are vertices.
     pub degree: Option<usize>,
     /// Largest number of Newton steps in each stage. Default 30.
     pub steps: usize,
@@ -82,22 +85,21 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Returns settings for a map that only serves as the domain of a fit of degree `max_degree`. They allow an area
-    /// distortion of up to 0.8, as long as it lowers the error of the fit.
+    /// Returns settings for a map that only serves as the domain of a fit of degree `max_degree`. The settings allow an
+    /// area distortion of up to 0.8, as long as the distortion lowers the error of the fit.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
         Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
     }
 }
 
-/// Maps a closed surface to the sphere with equal areas, to within the allowed distortion, and little length
-/// distortion.
+/// Maps a closed surface to the sphere with little length distortion. Areas are equal to within the allowed distortion.
 ///
 /// # Errors
 ///
 /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
 /// [`ParametrizeError::BadSurface`] if the mesh isn't a closed surface of genus zero, or has degenerate triangles;
-/// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if it can't enclose a body;
+/// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
 /// [`ParametrizeError::Argument`] if `area` is outside of 0 to 1; [`ParametrizeError::NoPlace`] or
 /// [`ParametrizeError::NotBijective`] if 64-bit numbers aren't precise enough for the map; [`ParametrizeError::Solver`]
 /// if the fit used for the adaptation fails; [`ParametrizeError::Interrupted`].
@@ -128,9 +130,9 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     Ok(found)
 }
 
-/// Spends the remaining area distortion on residual-adaptive areas, as long as the error of a fit decreases. Returns
-/// the largest factor by which a target area grew. Returns `None` and leaves the map unchanged if no distortion remains
-/// or the error didn't decrease.
+/// Adapts areas to the residual of a fit, within the area distortion that remains allowed, as long as the error of the
+/// fit decreases. Returns the largest factor by which a target area grew. Returns `None` and leaves the map unchanged
+/// if no distortion remains or the error didn't decrease.
 ///
 /// Each round multiplies the target areas by factors derived from the residual of the last fit. A round that exceeds
 /// the allowed distortion, or doesn't lower the residual, is undone and tried again with smaller factors.
@@ -142,8 +144,8 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    // The squares of the distortions spent and left are assumed to sum to the square of the allowed distortion, which
-    // is nearly true.
+    // The squares of the distortion used so far and of the remaining distortion are assumed to sum to the square of the
+    // allowed distortion, which is nearly true.
     let left = |descent: &Descent| {
         let spent = descent.area_distortion(domain);
         (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()

@@ -1,19 +1,19 @@
 //! Builds the coarse space of the two-grid preconditioner: up to ten thousand patches that rotate as rigid bodies.
 //!
-//! A smoother hardly reduces displacements that barely deform any triangle, such as a rotation of a patch of the sphere
-//! that fades into the rotations of neighbouring patches. The coarse unknowns are therefore the rotation vectors
-//! omega_k (three numbers) of patches. Patch k consists of the vertices within `R` edges of a seed vertex. Vertex v
-//! moves by
+//! A smoother is slow to reduce displacements that deform triangles very little. An example is a rotation of a patch of
+//! the sphere that fades into the rotations of neighbouring patches. The coarse unknowns are therefore the rotation
+//! vectors omega_k (three numbers) of patches. Patch k consists of the vertices within `R` edges of a seed vertex.
+//! Vertex v moves by
 //!
 //! ```text
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
 //! ```
 //!
 //! with F_v the frame of the tangent plane at p_v, and the phi_k(v) scaled to sum to 1, so that the space contains
-//! rotations of the entire sphere exactly. (This is smoothed aggregation with the rigid modes of elasticity, P. Vanek,
-//! J. Mandel, M. Brezina, Computing 56, 1996, with hat functions of the distance instead of smoothing by the matrix.)
-//! Patches depend only on the triangulation and are computed once. With P the matrix that maps all omega_k to all x_v,
-//! and H the Hessian, the coarse matrix is P^T H P; faer factors it.
+//! rotations of the entire sphere exactly. This is smoothed aggregation with the rigid modes of elasticity (P. Vanek,
+//! J. Mandel, M. Brezina, Computing 56, 1996), except that the phi_k are hat functions of the distance and aren't
+//! smoothed by the matrix. Patches depend only on the triangulation and are computed once. Let P be the matrix that
+//! maps all omega_k to all x_v, and H the Hessian. The coarse matrix is P^T H P, which the library faer factors.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -26,16 +26,16 @@ use crate::sparse_cholesky::{Factor, Symbolic};
 /// Smallest radius R of a patch, in edges. R is larger on meshes that would otherwise have too many patches.
 const LEAST_RADIUS: usize = 4;
 
-/// Approximate largest number of patches. It is limited because the coarse matrix is factored repeatedly.
+/// Approximate largest number of patches. The number is limited because the coarse matrix is factored repeatedly.
 const MOST_PATCHES: usize = 10_000;
 
 /// Largest number of neighbours of an ordinary vertex. A vertex with more neighbours gets its own patch, and other
-/// patches exclude it. Otherwise all patches near it would contain it and become neighbours of each other, and the
+/// patches exclude it. If they included the vertex, all patches near it would become neighbours of each other, and the
 /// coarse matrix would get a large dense block.
 const HUB: usize = 64;
 
-/// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without it the matrix can be
-/// singular: a patch of a single vertex doesn't move when it rotates about that vertex.
+/// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without the shift the matrix can
+/// be singular: a patch of a single vertex doesn't move when it rotates about that vertex.
 const SHIFT: f64 = 1e-9;
 
 /// Marks a missing position or patch.
@@ -43,15 +43,15 @@ const NOWHERE: u32 = u32::MAX;
 
 /// Patches of a triangulation, and the symbolic factorisation of the coarse matrix.
 pub(crate) struct Coarse {
-    /// Start of each vertex's entries in `weights`, then the number of all entries.
+    /// Index in `weights` of each vertex's first entry, followed by the length of `weights`.
     starts: Vec<u32>,
     /// The patches that contain each vertex: (patch, weight).
     weights: Vec<(u32, f32)>,
-    /// Start of each patch's entries in `members`, then the number of all entries.
+    /// Index in `members` of each patch's first entry, followed by the length of `members`.
     members_of: Vec<u32>,
     /// The vertices of each patch: (vertex, weight).
     members: Vec<(u32, f32)>,
-    /// Start of each patch's neighbours in `columns`, then the length of `columns`.
+    /// Index in `columns` of each patch's first neighbour. The last entry is the length of `columns`.
     rows: Vec<u32>,
     columns: Vec<u32>,
     symbolic: Symbolic,
@@ -153,7 +153,7 @@ impl Coarse {
             for at in pattern.range(v as usize) {
                 let w = pattern.columns[at];
                 let [a, b, c, d] = blocks[at];
-                // The 3 x 3 product P_v^T H_vw P_w.
+                // The 3 x 3 product P_v^T H_vw P_w, with H_vw the block of the Hessian for the vertices v and w.
                 let left = [add(scale(own[0], a), scale(own[1], c)), add(scale(own[0], b), scale(own[1], d))];
                 let right = turns[w as usize];
                 let mut product = [0.0; 9];
@@ -204,8 +204,8 @@ pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
     [w, scale(u, -1.0)]
 }
 
-/// Covers all vertices with patches: balls of the given radius, in edges, around seeds that are farther apart than the
-/// radius. Returns a list of (patch, vertex, weight).
+/// Covers all vertices with patches. A patch is a ball around a seed, with the given radius in edges. Seeds are farther
+/// apart than the radius. Returns a list of (patch, vertex, weight).
 fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
     let n = pattern.rows();
     let mut found = Vec::with_capacity(3 * n);
@@ -248,7 +248,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::bipyramid;
 
-    /// Returns the number of blocks in the coarse matrix of a fan, divided by the number of vertices.
+    /// Returns the number of blocks in the coarse matrix of a bipyramid, divided by the number of its sides.
     fn blocks(sides: u32) -> f64 {
         let pattern = Pattern::new(sides as usize + 2, &bipyramid(sides).faces);
         let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();

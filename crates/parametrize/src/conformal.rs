@@ -1,14 +1,15 @@
-//! Maps a surface with least angle distortion, and among these maps selects the one of least area distortion.
+//! Maps a surface to the sphere with least angle distortion. Among the maps of least angle distortion, selects the map
+//! of least area distortion.
 //!
 //! The energy is the harmonic energy of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area, triangle
-//! by triangle (K. Hormann and G. Greiner, MIPS, 2000). It has the same minimum on a smooth surface. Unlike the
-//! harmonic energy, it is infinite if a triangle flips. It is invariant under Moebius transformations of the sphere.
-//! Each of these is a rotation followed by a boost (see [`boost`]), and the boost is chosen to minimise the mean
-//! squared log area ratio.
+//! by triangle (K. Hormann and G. Greiner, MIPS, 2000). On a smooth surface both energies have the same minimum. Unlike
+//! the harmonic energy, the energy used here is infinite if a triangle flips. The energy is invariant under Moebius
+//! transformations of the sphere. Each Moebius transformation is a rotation followed by a boost (see [`boost`]). The
+//! boost is chosen to minimise the mean squared log area ratio.
 //!
-//! A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches this limit
-//! with a weight on equal areas that is lowered from stage to stage, and stops before triangles become too small for
-//! 64-bit numbers.
+//! A conformal map shrinks the end of an arm exponentially with the arm's length. The optimisation approaches the
+//! conformal map by lowering the weight of equal areas from stage to stage. The optimisation stops before triangles
+//! become too small for 64-bit numbers.
 
 use std::time::Instant;
 
@@ -27,7 +28,7 @@ use crate::report::{Parametrization, Warning};
 /// Weight of equal areas in the energy, by stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
-/// Number of final rounds. Each applies the best boost and then descends the conformal energy.
+/// Number of final rounds. Each round applies the best boost and then minimises the conformal energy.
 const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
@@ -81,8 +82,8 @@ fn boost(c: Vec3, x: Vec3) -> Vec3 {
     unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))
 }
 
-/// Returns the mean squared log area ratio after a boost; infinite if the boost flips a triangle. It can flip triangles
-/// because it doesn't map great circles to great circles.
+/// Returns the mean squared log area ratio after a boost; infinite if the boost flips a triangle. A boost can flip
+/// triangles because it doesn't map great circles to great circles.
 fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     const CHUNK: usize = 4096;
     let moved: Vec<Vec3> = map.par_iter().map(|&x| boost(c, x)).collect();
@@ -105,8 +106,8 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Applies the boost of least area distortion among those that flip no triangle. Returns `false` if a boost of still
-/// less distortion would have flipped triangles.
+/// Applies the [`boost`] of least area distortion among the boosts that flip no triangle. Returns `false` if a boost
+/// that flips triangles would have less distortion.
 fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;
@@ -123,7 +124,7 @@ fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bo
             return Ok(false);
         }
         let slope = probes.map(|(a, b)| (a - b) / (2.0 * h));
-        // Curvatures along the three axes suffice, since the function is nearly isotropic.
+        // Newton's step needs only the curvatures along the three axes, since the function is nearly isotropic.
         let curvature = probes.map(|(a, b)| ((a + b - 2.0 * here) / (h * h)).max(0.1));
         let mut c = [0, 1, 2].map(|i| -slope[i] / curvature[i]);
         let length = dot(c, c).sqrt();

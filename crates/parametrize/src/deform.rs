@@ -6,17 +6,19 @@
 //! # Method
 //!
 //! In the original method a mesh is pulled towards the surface through space (D. MacDonald, N. Kabani, D. Avis, A.
-//! Evans, NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). Where a surface is far from convex, as at an arm
-//! or a fold, the nearest point can lie on the wrong side, and the mesh gets stuck or intersects itself. The original
-//! method avoids this by starting close to the surface, which isn't possible for arbitrary surfaces. Therefore this
-//! method starts from a one-to-one map of the surface onto the sphere (by any of this crate's methods), which
-//! determines the position of each vertex of the icosphere, and moves the vertices *on* the surface, coarse to fine:
+//! Evans, NeuroImage 12, 2000; S. Robbins, MSc thesis, McGill, 2003). If a surface is far from convex, for example at
+//! an arm or a fold, the point of the surface nearest to a vertex can lie on the wrong side. The mesh then gets stuck
+//! or intersects itself. The original method avoids this by starting close to the surface, which isn't possible for
+//! arbitrary surfaces. Therefore this method starts from a one-to-one map of the surface onto the sphere, made by any
+//! of this crate's methods. The map determines the initial position of each vertex of the icosphere. The vertices are
+//! then moved *on* the surface, coarse to fine:
 //!
 //! 1. The vertices of a coarse icosphere take the positions that the map gives them.
-//! 2. In sweeps, each vertex is displaced by its forces and projected to the nearest point of the surface, and the map
-//!    gives its new position on the sphere. The move is made only if all triangles around the vertex stay positively
-//!    oriented on the sphere, by an exact predicate, and well shaped on the surface. The mesh therefore winds around
-//!    the surface exactly once, and no vertex jumps to another sheet of a fold that is near only in space.
+//! 2. In sweeps, each vertex is displaced by its forces and projected to the nearest point of the surface. The map
+//!    gives the vertex's new position on the sphere. The move is made only if all triangles around the vertex stay
+//!    positively oriented on the sphere, by an exact predicate, and well shaped on the surface. The mesh therefore
+//!    winds around the surface exactly once, and no vertex jumps to another sheet of a fold that is near in space but
+//!    far along the surface.
 //! 3. Each triangle is split in four at the midpoints of its edges on the sphere, and step 2 is repeated.
 //!
 //! The forces on vertex i with neighbours j are as follows. l_ij is the length of a path on the surface: the image of
@@ -25,13 +27,13 @@
 //!
 //! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij. L_ij is the icosphere's own edge
 //!   length, scaled by the square root of the ratio of the areas.
-//! - *bending*: U_i - mean of U_j, with U_i = mean of l_ij t_ij, which smooths changes of the spacing. It doesn't
+//! - *bending*: U_i - mean of U_j, with U_i = mean of l_ij t_ij, which smooths changes of the spacing. Bending doesn't
 //!   change the shape: vertices are projected back onto the surface, so only the tangential part of a force moves them.
 //!
-//! Finally, triangles that intersect each other are searched for with a bounding-volume hierarchy. They occur where a
-//! fold is narrower than the triangles. The vertices around them are smoothed until no intersection is left, which
-//! moves these vertices slightly off the surface. Remaining intersections are reported; more subdivisions help, unless
-//! the given surface intersects itself.
+//! Finally, triangles that intersect each other are searched for with a bounding-volume hierarchy. Intersections occur
+//! where a fold is narrower than the triangles. The vertices around intersecting triangles are smoothed until no
+//! intersection is left, which moves these vertices slightly off the surface. Remaining intersections are reported;
+//! more subdivisions help, unless the given surface intersects itself.
 //!
 //! # Cost
 //!
@@ -76,17 +78,17 @@ impl Default for DeformParams {
     }
 }
 
-/// Largest number of subdivisions; it gives 10 million vertices.
+/// Largest number of subdivisions. An icosphere with this number has 10 million vertices.
 const MOST: u32 = 10;
 /// Number of subdivisions of the coarsest level.
 const COARSEST: u32 = 3;
-/// Smallest shape measure (see [`Level::shape`]) that a move may cause. A triangle that is already worse must not get
-/// worse still. Without this limit, springs under pressure would flatten triangles.
+/// Smallest shape measure (see [`Level::shape`]) that a move may cause. A triangle whose shape measure is already
+/// smaller must not get worse. Without this limit, springs under pressure would flatten triangles.
 const SHAPE: f64 = 0.4;
 /// Largest number of rounds that smooth the mesh around intersecting triangles.
 const ROUNDS: usize = 30;
 
-/// Number of vertices of a sweep between checks of the monitor.
+/// Number of vertices that a sweep processes between checks of the monitor.
 const CHUNK: usize = 2048;
 
 /// Deforms an icosphere onto a surface, given a one-to-one map of the surface onto the sphere.
@@ -155,7 +157,8 @@ pub fn deform(
     Ok(found)
 }
 
-/// Returns the number of pieces in which to measure the path of an edge that will be split `splits` times.
+/// Returns the number of pieces into which an edge's path is divided to measure its length, if the edge will be split
+/// `splits` times.
 fn pieces(splits: u32) -> u32 {
     2 << splits.min(6)
 }
@@ -168,7 +171,7 @@ struct Level {
     rings: Rings,
     /// Rest lengths of the springs, in the order of the neighbours in `rings`.
     rest: Vec<f64>,
-    /// Number of pieces in which an edge's path is measured.
+    /// Number of pieces into which an edge's path is divided to measure its length.
     pieces: u32,
 }
 
@@ -264,7 +267,7 @@ fn in_chunks<T: Send>(n: usize, monitor: &dyn Monitor, f: impl Fn(usize) -> T + 
     Ok(values)
 }
 
-/// Smooths the mesh around self-intersections until there are none, or for [`ROUNDS`] rounds. Returns the number of
+/// Smooths the mesh around self-intersections until none remain, or for [`ROUNDS`] rounds. Returns the number of
 /// intersecting pairs of triangles that remain, and the number of vertices moved.
 fn separate(mesh: &mut Mesh, rings: &Rings, monitor: &dyn Monitor) -> Result<(usize, usize), Interrupted> {
     monitor.begin(Stage::counted("self-intersections", "rounds"), 0);

@@ -1,4 +1,5 @@
-//! Evaluates the integrands F(q, r) of the energies (`energy.rs`), with their first and second derivatives.
+//! Evaluates the integrands F(q, r) of the energies, with their first and second derivatives. `energy.rs` defines q and
+//! r.
 
 /// An integrand F; `at` returns F, F_q, F_r, F_qq, F_qr, F_rr.
 pub(crate) trait Density: Copy {
@@ -17,7 +18,7 @@ impl Density for Balanced {
     #[inline(always)]
     fn at(self, q: f64, r: f64) -> [f64; 6] {
         let s = 1.0 / r;
-        // First and second derivative of shape x + bound x^3 with respect to x = q / r.
+        // First and second derivative of the polynomial `shape x + bound x^3` at x = q / r.
         let x = q * s;
         let slope = self.shape + 3.0 * self.bound * x * x;
         let bend = 6.0 * self.bound * x;

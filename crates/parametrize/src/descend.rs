@@ -18,8 +18,8 @@ use crate::star::{Classes, sweep};
 /// The monitor's stage for [`Descent::descend`], counted in Newton steps. The number of steps isn't known in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// Fraction of a Newton step. If less than this was taken, single vertices are assumed to block the step, and a sweep
-/// over single vertices helps more than another Newton step.
+/// If less than this fraction of a Newton step is taken, single vertices probably block the step. A sweep over single
+/// vertices then helps more than another Newton step.
 const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.
@@ -43,8 +43,8 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Minimises an energy. Stops when another step is estimated to lower the energy by less than `tolerance` times its
-    /// excess over the energy of an isometry, or after `steps` steps.
+    /// Minimises an energy. Stops after `steps` steps, or when another step is estimated to lower the energy by less
+    /// than `tolerance` times the energy's excess over that of an isometry.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,

@@ -14,8 +14,8 @@ use crate::trial::mending;
 /// Largest number of handles for which an error message lists the lengths of the loops.
 const MOST_LOOPS: usize = 5;
 
-/// Largest number of vertices of a mesh whose loops are computed for an error message. This takes a second at this
-/// size.
+/// Largest number of vertices of a mesh whose loops are computed for an error message. At this size the computation
+/// takes a second.
 const MOST_VERTICES: usize = 50_000;
 
 /// A closed surface of genus zero without defects.
@@ -26,7 +26,7 @@ pub(crate) struct Domain {
     pub(crate) faces: Vec<[u32; 3]>,
     /// Areas of the triangles; they sum to 4 pi.
     pub(crate) areas: Vec<f64>,
-    /// Whether the given mesh winds inwards. `faces` are then reversed relative to it.
+    /// Whether the given mesh winds inwards. If so, `faces` are reversed relative to the mesh.
     inward: bool,
 }
 
@@ -36,8 +36,8 @@ impl Domain {
     /// # Errors
     ///
     /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
-    /// [`ParametrizeError::BadSurface`] if the mesh has handles or defects, with all problems found and, if a repair
-    /// would succeed, this repair; [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::BadSurface`] if the mesh has handles or defects (the error contains all problems found and,
+    /// if a repair would succeed, the repair); [`ParametrizeError::Interrupted`].
     pub(crate) fn new(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let scaled = scaled_meshes([mesh]);
         let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
@@ -45,7 +45,8 @@ impl Domain {
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
-        // Positions are relative to a vertex of the surface, so that a surface far from the origin loses no digits.
+        // Positions are relative to a vertex of the surface, so that no digits are lost if the surface is far from the
+        // origin.
         let [x, y, z] = mesh.vertices[0];
         let positions: Vec<Vec3> =
             mesh.vertices.iter().map(|&[a, b, c]| scale([a - x, b - y, c - z], factor)).collect();
@@ -57,7 +58,7 @@ impl Domain {
 
     /// Returns the sphere of the given mesh: the mesh's triangles, with the vectors `unit` as vertices.
     ///
-    /// If the mesh winds inwards, so does its sphere: neither is mirrored.
+    /// If the mesh winds inwards, its sphere winds inwards, too: the sphere isn't a mirror image of the mesh.
     pub(crate) fn sphere(&self, mesh: &Mesh, unit: Vec<Vec3>) -> Mesh {
         let mut sphere = Mesh::new(unit, mesh.faces.clone());
         sphere.meta.anatomical_structure_primary = mesh.meta.anatomical_structure_primary.clone();

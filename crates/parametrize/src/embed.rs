@@ -5,8 +5,8 @@
 //! vertices are reinserted in reverse order, each inside the kernel of the ring of its neighbours: the region from
 //! which the entire ring is visible. The kernel is never empty, since the entire ring is visible from the neighbour
 //! that the vertex was collapsed into. Then the vertex and its neighbours are relaxed. Whenever the number of vertices
-//! has doubled, sweeps and Newton steps optimise the entire map, so that large features get their areas while there are
-//! few vertices to move.
+//! has doubled, sweeps and Newton steps optimise the entire map. Large features therefore get their areas while only
+//! few vertices have to be moved.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -23,16 +23,16 @@ use crate::star::{Classes, Star, relax_all, sweep};
 pub(crate) struct Growth {
     /// The energy to minimise.
     pub(crate) energy: Energy,
-    /// Largest number of Newton steps each time the number of vertices has doubled.
+    /// Largest number of Newton steps that are taken each time the number of vertices has doubled.
     pub(crate) steps: usize,
     /// Seed of the sphere's initial rotation.
     pub(crate) seed: u64,
 }
 
-/// Number of vertices from which Newton steps pay off. On smaller meshes, sweeps suffice.
+/// Newton steps pay off on meshes with at least this number of vertices. On smaller meshes, sweeps suffice.
 const NEWTON_FROM: usize = 100;
 
-/// Number of vertices from which vertices are reinserted in groups, in parallel.
+/// Once the mesh has this number of vertices, further vertices are reinserted in groups, in parallel.
 const GROUPS_FROM: usize = 1000;
 
 /// Number of vertices between checks of the monitor.
@@ -126,7 +126,7 @@ fn by_groups(
     Ok(())
 }
 
-/// Places a vertex in the kernel of its ring, then relaxes the vertex and its neighbours.
+/// Places a vertex in the kernel of the polygon of its neighbours, then relaxes the vertex and its neighbours.
 fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: Energy) -> Result<(), ParametrizeError> {
     let ring: Vec<u32> = hierarchy.ring(v).iter().map(|&(w, _)| w).collect();
     let place = Star::of(hierarchy, map, v).place(energy, map[into as usize]);

@@ -7,23 +7,26 @@ use spharm_surface::topology::{Topology, area, signed_volume};
 use crate::error::ParametrizeError;
 use crate::geometry::{add, norm, scale, sub};
 
-/// Smallest share of the area in filled holes for which a mesh may be a sheet. The rim of a flat sheet is as large as
-/// the sheet, so its filling has half of the area.
+/// A mesh may be a sheet if filled holes have at least this share of its area. The filling of a flat sheet's rim is as
+/// large as the sheet, so it has half of the total area.
 const FILLED: f64 = 0.4;
 
-/// Largest compactness of a closed sheet. The compactness, 36 pi V^2 / A^3 for a volume V and an area A, is 1 for a
-/// ball, 0.6 for half of a ball, 0.005 for a cap of a ball that spans 15 degrees, and 0 for a sheet.
+/// A mesh with filled holes is a sheet only if its compactness is below this value. The compactness, `36 pi V^2 / A^3`
+/// for volume V and area A, is 1 for a ball, 0.6 for half of a ball, 0.005 for a cap of a ball that spans 15 degrees,
+/// and 0 for a sheet.
 const COMPACT: f64 = 0.005;
 
-/// Largest share of the area outside of the largest piece with which a mesh is still checked as one piece.
+/// If more than this share of a mesh's area is outside of its largest piece, the mesh is treated as several pieces,
+/// which [`check_one_piece`] accepts without a check.
 const SPECKS: f64 = 0.05;
 
-/// Largest share of the area outside of the largest piece with which this piece may stand for the mesh in a message.
+/// If more than this share of a mesh's area is outside of its largest piece, an error describes the separate pieces
+/// instead of the largest piece.
 const REST: f64 = 0.5;
 
-/// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Sheets
-/// of several pieces may be the sides of a body. A closed surface with one side passes through itself, and the closed
-/// surface around it encloses a body.
+/// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Several
+/// sheets are accepted, because together they may be the sides of a body. A closed surface with one side passes through
+/// itself. Such a surface is accepted, because a wrap around it encloses a body.
 ///
 /// # Errors
 ///
@@ -44,15 +47,15 @@ pub(crate) fn check_one_piece(mesh: &Mesh) -> Result<(), ParametrizeError> {
     }
 }
 
-/// Checks that a mesh can enclose a body after its repair. `open` has the rims that the repair left open, and `found`
-/// its changes. Returns whether the repaired mesh has two sides. A mesh with two sides may lose one by a repair that
-/// joins parts which only touch.
+/// Checks that a mesh can enclose a body after its repair. `open` contains the rims that the repair left open, and
+/// `found` the changes made by the repair. Returns whether the repaired mesh has two sides. A repair that joins parts
+/// which only touch can make a two-sided mesh one-sided.
 ///
 /// # Errors
 ///
-/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet) if it can't;
-/// [`BadSurface`](ParametrizeError::BadSurface) if only its largest piece is a sheet, which has less than half of the
-/// area.
+/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet) if the mesh can't enclose a
+/// body; [`BadSurface`](ParametrizeError::BadSurface) if the largest piece is a sheet and the other pieces have more
+/// than half of the area.
 ///
 /// # Panics
 ///
@@ -72,7 +75,7 @@ pub(crate) fn check_enclosure(
     Err(if found.dropped_area > REST { apart(found.pieces + 1) } else { ParametrizeError::OpenSheet { filled } })
 }
 
-/// Returns the error of a mesh whose triangles or parts don't meet.
+/// Returns the error for a mesh that consists of several pieces, which aren't connected to each other.
 fn apart(pieces: usize) -> ParametrizeError {
     ParametrizeError::BadSurface {
         problems: format!(
@@ -85,15 +88,16 @@ fn apart(pieces: usize) -> ParametrizeError {
     }
 }
 
-/// Returns whether no two triangles have an edge in the same direction. This takes much less time than a [`Topology`].
+/// Returns whether triangles are wound consistently: no two triangles have an edge in the same direction. This check
+/// takes much less time than computing a [`Topology`].
 fn is_consistent(faces: &[[u32; 3]]) -> bool {
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     edges.sort_unstable();
     edges.windows(2).all(|pair| pair[0] != pair[1])
 }
 
-/// Returns whether the holes of a mesh are small. The rim of a strip is so long that a disk within it would be larger
-/// than the strip; a small hole doesn't make a strip of a surface that passes through itself.
+/// Returns whether the holes of a one-sided mesh are so small that it isn't a strip, but a surface that passes through
+/// itself. The rim of a strip is so long that a disk with this rim would be larger than the strip.
 fn has_short_rim(mesh: &Mesh) -> bool {
     let disk = rim_length(mesh).powi(2) / (4.0 * std::f64::consts::PI);
     disk < FILLED * (area(mesh) + disk)
@@ -123,7 +127,7 @@ fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Opt
         return None;
     }
     let volume = signed_volume(mended) + signed_volume(&fans);
-    // Powers of the volume and of the area alone leave the range of f64 for coordinates near 1e60.
+    // V^2 and A^3 would overflow for coordinates near 1e60, so V / A^1.5 is computed first and then squared.
     let compactness = 36.0 * std::f64::consts::PI * (volume / all.powf(1.5)).powi(2);
     (compactness < COMPACT).then_some(filled)
 }
@@ -186,7 +190,7 @@ mod tests {
         mesh.with_vertices(mesh.vertices.iter().map(|v| v.map(|x| times(x, exponent))).collect())
     }
 
-    /// The grid of 150 x 150 squares has more edges in its rim than the repair fills.
+    /// The rim of the grid of 150 x 150 squares has more edges than the largest hole that the repair fills.
     #[test]
     fn sheets_are_refused_and_not_offered_a_filling() {
         let wave = |x: f64, y: f64| 0.02 * (x + y).sin();
@@ -223,14 +227,16 @@ mod tests {
         assert!(welded.mesh().is_some_and(|mesh| defects(mesh).0.is_empty()), "{:?}", welded.mesh_repair());
     }
 
-    /// A ball cut in half is open, too, but encloses a body.
+    /// Half of a ball is an open surface, as a sheet is. But it encloses a body if its rim is filled, so it is
+    /// accepted.
     #[test]
     fn a_half_of_a_ball_is_no_sheet() {
         let mended = Input::Mesh(cap(-0.01)).mended(&Silent).unwrap();
         assert!(mended.mesh().is_some_and(|mesh| defects(mesh).0.is_empty()), "{:?}", mended.mesh_repair());
     }
 
-    /// The flat filling of a cap above 0.5 would have more than 40 % of the area, so the volume decides.
+    /// If `cap(0.5)`, the part of a ball above z = 0.5, is filled flat, the filling has more than 40 % of the area.
+    /// Therefore the cap's compactness decides whether the cap is a sheet.
     #[test]
     fn the_unit_of_length_has_no_effect() {
         for exponent in [-190, 190, 400] {
@@ -248,7 +254,7 @@ mod tests {
 
     #[test]
     fn surfaces_with_one_side_are_named() {
-        // A Klein bottle: a grid on a torus, joined after a turn with one direction reversed.
+        // A Klein bottle: a grid on a torus whose first and last rows are joined with one direction reversed.
         let n = 8_u32;
         let vertex = |i: u32, j: u32| if i < n { i * n + j % n } else { (n - j % n) % n };
         let quads = (0..n * n).flat_map(|k| {

@@ -25,8 +25,8 @@ use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};
 
 /// Smallest slack in the triangle inequality, relative to the mean edge length. The edges of thinner triangles are
-/// lengthened to reach it (N. Sharp and K. Crane, SGP 2020, intrinsic mollification); otherwise the large cotangents of
-/// such triangles would dominate the energy.
+/// lengthened to reach this slack (N. Sharp and K. Crane, SGP 2020, intrinsic mollification); otherwise the large
+/// cotangents of such triangles would dominate the energy.
 const SLACK: f64 = 1e-3;
 
 /// The area and the cotangents of a triangle of the surface.
@@ -81,7 +81,8 @@ pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
 /// An energy, given by its integrand F(q, r).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Energy {
-    /// The energy with integrand a (r + 1/r) / 2 + b q / r + c (q / r)^3.
+    /// The energy with integrand F(q, r) = a (r + 1/r) / 2 + b q / r + c (q / r)^3; q and r are defined in the
+    /// [module](self).
     Balanced {
         /// Coefficient a, the weight of equal areas.
         area: f64,
@@ -92,7 +93,7 @@ pub(crate) enum Energy {
     },
     /// The energy with integrand q / r^2 + `shrink` q.
     Stretch {
-        /// Weight of the term that limits the growth of parts of the map in which nothing is stretched.
+        /// Weight of the term that limits the growth of the parts of the map that aren't stretched.
         shrink: f64,
     },
 }

@@ -29,7 +29,7 @@ pub enum ParametrizeError {
         handles: usize,
         /// Advice to the user if there is no `mending`.
         remedy: &'static str,
-        /// The repair that would close the surface, if there is one.
+        /// The repair that would close the surface, if such a repair exists.
         mending: Option<Box<Mending>>,
     },
 
@@ -253,7 +253,7 @@ pub enum ParametrizeError {
         voxels: usize,
     },
 
-    /// A mesh to be wrapped has a vertex so far from the rest that the rest has too few voxels.
+    /// A mesh to be wrapped has a vertex so far from the other vertices that these span too few voxels.
     #[error(
         "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest spans {} of the \
          {voxels} voxels along the longest side, expected at least 8; remove this vertex and its triangles{}",
@@ -265,11 +265,12 @@ pub enum ParametrizeError {
         vertex: usize,
         /// Position of the vertex.
         position: [f64; 3],
-        /// Number of voxels along the longest side of the box around the rest.
+        /// Number of voxels along the longest side of the bounding box of all vertices except this one.
         rest: f64,
-        /// Number of voxels along the longest side of the box around the mesh.
+        /// Number of voxels along the longest side of the mesh's bounding box.
         voxels: usize,
-        /// Smallest number of voxels that suffices; `None` if no accepted number suffices.
+        /// Smallest value of `voxels` with which the other vertices would span enough voxels (see `rest`). `None` if
+        /// this isn't possible with any accepted number of voxels.
         enough: Option<usize>,
     },
 
@@ -278,8 +279,8 @@ pub enum ParametrizeError {
     LossyWrap {
         /// The wrap that wasn't accepted.
         wrap: Box<Wrap>,
-        /// The limit that the wrap exceeds: the largest share of the area, or of the body's voxels, that it may leave
-        /// out; or, if it leaves out less than this limit, the largest share of its own area that may span holes.
+        /// The limit that the wrap exceeds. It limits either the share of the mesh's area, or of the body's voxels,
+        /// that a wrap leaves out, or the share of the wrap's own area that spans holes.
         most: f64,
     },
 
@@ -291,7 +292,7 @@ pub enum ParametrizeError {
         100.0 * *filled
     )]
     OpenSheet {
-        /// Share of the filling in the area of the sheet with its filling.
+        /// Area of the filling, divided by the area of the sheet and its filling together.
         filled: f64,
     },
 
@@ -301,7 +302,8 @@ pub enum ParametrizeError {
          body; use a surface that has an inside and an outside"
     )]
     OneSided {
-        /// Whether the mesh has no rim. The closed surface around it then encloses a body.
+        /// Whether the mesh is closed, like a Klein bottle, rather than bounded by a rim, like a Moebius strip. A wrap
+        /// around a closed mesh encloses a body.
         closed: bool,
     },
 
@@ -326,7 +328,7 @@ pub enum ParametrizeError {
     },
 }
 
-/// Names what has to be chosen in a file of several images.
+/// Returns a description of the choice that a file of several images requires: a channel, a time point or both.
 fn to_choose(channels: usize, times: usize) -> &'static str {
     match (channels, times) {
         (1, 2..) => "one time point",

@@ -1,8 +1,8 @@
 //! Fills in missing vertex values from the known values around them.
 //!
-//! The filled values are harmonic on the graph of the mesh's edges: each is the mean of its neighbours' values, and
-//! lies between the smallest and largest known values around the gap. Without filled values, a least-squares model of
-//! high degree isn't determined inside the gap and can oscillate there without bound.
+//! The filled values are harmonic on the graph of the mesh's edges: each value is the mean of its neighbours' values,
+//! and is between the smallest and the largest known value around the gap. Without filled values, a least-squares model
+//! of high degree isn't determined inside the gap and can oscillate there without bound.
 
 use spharm_monitor::Monitor;
 
@@ -87,7 +87,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
     neighbours
 }
 
-/// Returns whether every vertex without a value is connected to one with a value.
+/// Returns whether every vertex without a value is connected to a vertex with a value.
 fn reaches_all(neighbours: &[Vec<u32>], places: &[u32]) -> bool {
     let is_edge = |around: &Vec<u32>| around.iter().any(|&v| places[v as usize] == KNOWN);
     let mut reached: Vec<bool> = neighbours.iter().map(is_edge).collect();

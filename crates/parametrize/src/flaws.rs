@@ -54,8 +54,9 @@ impl Flaws {
         let mut problems = without_handles.problems();
         let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
         let flat = flat.saturating_sub(topology.degenerate_faces);
-        // Two sheets may touch at a vertex, as along the seam of a surface that was cut. Such duplicates are a defect
-        // only if they make a triangle flat. On open meshes, `Topology` reports duplicate vertices itself.
+        // Two sheets may touch at a vertex, as along the seam of a surface that was cut. Duplicate vertices are
+        // therefore a defect only if they make a triangle flat. On open meshes, `Topology` reports duplicate vertices
+        // itself.
         if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {
             problems.push(counted(topology.duplicate_vertices, "vertex lies", "vertices lie", "exactly on others"));
         }
@@ -74,13 +75,13 @@ impl Flaws {
         Ok(Self { problems, remedy, genus })
     }
 
-    /// Returns the number of handles of a mesh; 0 if it isn't a closed surface.
+    /// Returns the number of handles of a mesh; 0 if the mesh isn't a closed surface.
     pub(crate) fn handles(&self) -> usize {
         self.genus.and_then(|genus| usize::try_from(genus).ok()).unwrap_or(0)
     }
 }
 
-/// Returns the indices and positions of the vertices that triangles use, by index.
+/// Returns the indices and positions of the vertices that triangles use, in ascending order of index.
 pub(crate) fn used_vertices(mesh: &Mesh) -> Vec<(usize, Vec3)> {
     let mut used = vec![false; mesh.vertices.len()];
     mesh.faces.as_flattened().iter().for_each(|&v| used[v as usize] = true);
@@ -88,8 +89,8 @@ pub(crate) fn used_vertices(mesh: &Mesh) -> Vec<(usize, Vec3)> {
 }
 
 /// Returns the vertex farthest from the middle of a mesh, and its distance as a multiple of the median distance; `None`
-/// if the multiple is at most [`FARTHEST`]. The middle has the median of each coordinate. Vertices that no triangle
-/// uses don't count.
+/// if the multiple is at most [`FARTHEST`]. The middle is the point whose coordinates are the medians of the vertices'
+/// coordinates. Vertices that no triangle uses are ignored.
 fn too_far(mesh: &Mesh) -> Option<(usize, f64)> {
     let used = used_vertices(mesh);
     let median = |mut values: Vec<f64>| {

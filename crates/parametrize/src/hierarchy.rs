@@ -2,19 +2,19 @@
 //! Hoppe, SIGGRAPH 1996).
 //!
 //! A collapse v -> u removes vertex v: the two triangles on edge vu vanish, and the other triangles around v get u in
-//! place of v. It is allowed if u and v have exactly two common neighbours, because the mesh then remains a sphere. A
-//! triangulated sphere of more than four vertices always has such an edge (E. Steinitz), so the tetrahedron is always
-//! reached.
+//! place of v. A collapse is allowed if u and v have exactly two common neighbours, because the mesh then remains a
+//! sphere. A triangulated sphere of more than four vertices always has an edge that can be collapsed (E. Steinitz), so
+//! the tetrahedron is always reached.
 //!
-//! The order of collapses aims at well-shaped coarse meshes, not at similarity to the surface. The next vertex is the
-//! one whose removal leaves the smallest and roundest triangles at vertices of low valence. The area around a removed
-//! vertex is distributed over the triangles that replace it, so each coarse mesh carries the entire surface's area in
-//! the right places. A map that equalises areas therefore reserves the area of an arm before the arm's vertices are
-//! inserted.
+//! The order of collapses aims at well-shaped coarse meshes, not at similarity to the surface. The next vertex to be
+//! removed is the vertex whose removal leaves the smallest and roundest triangles at vertices of low valence. The area
+//! around a removed vertex is distributed over the triangles that replace it, so each coarse mesh carries the entire
+//! surface's area in the right places. A map that equalises areas therefore reserves the area of an arm before the
+//! arm's vertices are inserted.
 //!
 //! Cost: O(n log n). A heap orders the vertices by cost, and a cost is recomputed when its vertex reaches the top.
 //! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices with many triangles aren't
-//! removed until they have fewer. There is always a vertex with at most five triangles that can be removed.
+//! removed until they have fewer. A vertex that has at most five triangles and can be removed always exists.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -48,7 +48,8 @@ pub(crate) struct Hierarchy {
 pub(crate) struct Collapse {
     vertex: u32,
     into: u32,
-    /// The triangles around the vertex before the collapse, with corners and shape; the two that vanish come first.
+    /// The triangles around the vertex before the collapse, with corners and shape. The two triangles that vanish come
+    /// first.
     faces: Vec<(u32, [u32; 3], Shape)>,
 }
 
@@ -193,7 +194,7 @@ impl Hierarchy {
         let mut best: Option<(f64, u32)> = None;
         for i in 0..k {
             let u = ring[i].0;
-            // Rejects u if u and v have a common neighbour other than the two beside u on the ring.
+            // Rejects u if u and v have a common neighbour other than the two vertices next to u on the ring.
             let beside = [ring[(i + 1) % k].0, ring[(i + k - 1) % k].0];
             if ring.iter().any(|&(w, _)| w != u && !beside.contains(&w) && self.is_neighbour(u, w)) {
                 continue;
@@ -226,8 +227,8 @@ impl Hierarchy {
             || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
         let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
         let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
-        // A tenth of the area is distributed evenly. Otherwise a triangle that happens to be thin in space would get no
-        // area on the sphere.
+        // A tenth of the area is distributed evenly. Otherwise a triangle that is thin in space would get no area on
+        // the sphere.
         let even = 0.1 / (faces.len() - 2) as f64;
         let new: Vec<_> = kept()
             .map(|(f, corners)| {
@@ -274,7 +275,8 @@ impl Hierarchy {
     /// aren't neighbours.
     pub(crate) fn groups(&mut self, count: usize) -> Vec<Vec<Collapse>> {
         let last = self.collapses.split_off(self.collapses.len() - count.min(self.collapses.len()));
-        // For each triangle, the first group in which a collapse may modify it.
+        // For each triangle, the index of the first group to which another collapse that modifies the triangle can be
+        // added. This is the group after the last one with such a collapse.
         let mut free = vec![0_u32; self.faces.len()];
         let mut groups: Vec<Vec<Collapse>> = Vec::new();
         for collapse in last.into_iter().rev() {
@@ -289,7 +291,7 @@ impl Hierarchy {
         groups
     }
 
-    /// Reinserts the vertices of a group. Returns each vertex with the one into which it had been collapsed.
+    /// Reinserts the vertices of a group. Returns each vertex with the vertex into which it had been collapsed.
     pub(crate) fn refine_group(&mut self, group: Vec<Collapse>) -> Vec<(u32, u32)> {
         group.into_iter().map(|collapse| self.undo(collapse)).collect()
     }

@@ -1,8 +1,8 @@
 //! Indexes the triangle lists of vertices with many triangles, so that operations on them take constant time.
 //!
 //! The list of the triangles around a vertex is usually short, and is searched linearly. But the pole of a fan, of a
-//! sphere of meridians and parallels, or of a surface of revolution has as many triangles as there are meridians, and
-//! all of them are removed and reinserted. Without an index this would take quadratic time.
+//! sphere of meridians and parallels, or of a surface of revolution has one triangle for each meridian. All of these
+//! triangles are removed and reinserted, which would take quadratic time without an index.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use std::collections::HashMap;
 /// hub.
 pub(crate) const HUB: usize = 64;
 
-/// Number of triangles at which a hub loses its index.
+/// A vertex loses its index, and is no longer a hub, when its number of triangles falls to this number.
 const KEPT: usize = HUB / 2;
 
-/// Counts the list entries searched; for tests.
+/// Counts the list entries searched. Used by tests.
 #[cfg(test)]
 pub(crate) fn looked_at(entries: usize) {
     tests::LOOKED_AT.with(|count| count.set(count.get() + entries));
@@ -126,7 +126,8 @@ pub(crate) mod tests {
         pub(crate) static LOOKED_AT: Cell<usize> = const { Cell::new(0) };
     }
 
-    /// Returns a fan of triangles around vertex 0: the list of that vertex, and the triangles.
+    /// Returns a fan of `count` triangles around vertex 0: the indices of the triangles at this vertex, and the
+    /// triangles.
     fn fan(count: u32) -> (Vec<u32>, Vec<[u32; 3]>) {
         ((0..count).collect(), (0..count).map(|k| [0, 1 + k, 1 + (k + 1) % count]).collect())
     }

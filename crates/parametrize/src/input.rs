@@ -1,4 +1,4 @@
-//! Reads surfaces from files, and samplings of the sphere to resample them on.
+//! Reads surfaces from files, and the samplings of the sphere on which surfaces are resampled.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -86,8 +86,8 @@ impl Input {
     /// # Errors
     ///
     /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
-    /// [`ParametrizeError::BadSurface`] if only the repaired mesh has one side, or the pieces of the mesh lie apart;
-    /// [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::BadSurface`] if the repair makes a two-sided mesh one-sided, or the pieces of the mesh
+    /// aren't connected; [`ParametrizeError::Interrupted`].
     pub fn mended(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let Self::Mesh(mesh) = &self else { return Ok(self) };
         let Repaired { mesh: mut mended, exponent, repair, two_sided } = repaired(mesh, monitor)?;
@@ -143,7 +143,7 @@ impl Input {
     }
 
     /// Describes the changes to the given surface, repairs and cuts, for warnings. If `to_be_cut` is true but a repair
-    /// has already removed all handles, one description says so.
+    /// has already removed all handles, one description states that the repair removed them.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());
@@ -159,7 +159,7 @@ impl Input {
     }
 }
 
-/// Returns the error of a repair that makes a mesh with two sides one-sided.
+/// Returns the error of a repair that makes a two-sided mesh one-sided.
 fn joined_with_a_twist(repair: &MeshRepair) -> ParametrizeError {
     let changes = repair.changes();
     ParametrizeError::BadSurface {
@@ -170,8 +170,8 @@ fn joined_with_a_twist(repair: &MeshRepair) -> ParametrizeError {
     }
 }
 
-/// A sampling of the sphere for [`resample`](crate::resample()). It is parsed from `icosphere:N` or from the path of a
-/// sphere's file.
+/// A sampling of the sphere for [`resample`](crate::resample()). A sampling is parsed from `icosphere:N` or from the
+/// path of a sphere's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sampling {
     /// An icosphere with this number of subdivisions, 0 to 10.

@@ -32,12 +32,12 @@
 //! # Method
 //!
 //! All methods for meshes begin in the same way. The surface is coarsened to a tetrahedron, which is placed on the
-//! sphere. Then the vertices are reinserted, each where it flips no triangle (`hierarchy.rs`, `embed.rs`, `star.rs`).
-//! From there, a method minimises its energy (`energy.rs`) by Newton steps over the whole mesh (`newton.rs`) and by
-//! sweeps over single vertices, and takes no step that flips a triangle. The map therefore never has folds; the result
-//! is verified independently. Derivatives are in closed form (`local.rs`). Linear systems are solved by conjugate
-//! gradients with a two-grid preconditioner (`pcg.rs`, `coarse.rs`), so time and memory are linear in the number of
-//! vertices.
+//! sphere. Then the vertices are reinserted, each at a position where it flips no triangle (`hierarchy.rs`, `embed.rs`,
+//! `star.rs`). From there, a method minimises its energy (`energy.rs`) by Newton steps over the whole mesh
+//! (`newton.rs`) and by sweeps over single vertices, and takes no step that flips a triangle. The map therefore never
+//! has folds; the result is verified independently. Derivatives are in closed form (`local.rs`). Linear systems are
+//! solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`, `coarse.rs`), so time and memory are linear
+//! in the number of vertices.
 //!
 //! # Modules and methods
 //!

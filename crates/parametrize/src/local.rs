@@ -67,8 +67,8 @@ fn positive(x: f64) -> f64 {
     if x > 0.0 { x } else { 0.0 }
 }
 
-/// Returns two unit vectors that span the plane perpendicular to p. They depend only on p (T. Duff et al., "Building an
-/// orthonormal basis, revisited", JCGT 6, 2017).
+/// Returns two unit vectors that span the plane perpendicular to p. The vectors depend only on p (T. Duff et al.,
+/// "Building an orthonormal basis, revisited", JCGT 6, 2017).
 #[inline(always)]
 pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
     let sign = if z < 0.0 { -1.0 } else { 1.0 };
@@ -77,7 +77,7 @@ pub(crate) fn frame([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// Quantities that value, gradient and Hessian have in common.
+/// Quantities of a triangle from which its energy, gradient and Hessian are computed.
 struct Triangle {
     ab: Vec3,
     bc: Vec3,
@@ -107,11 +107,12 @@ pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], 
     if t.volume > 0.0 { value } else { f64::INFINITY }
 }
 
-/// Returns the derivatives of four numbers with respect to a corner's two unknowns. The numbers are |alpha|, |alpha|
-/// times the argument of alpha, |beta|, and |beta| times the argument of beta.
+/// Returns derivatives of the triangle's linear map z -> alpha z + beta conj(z) with respect to a corner's two
+/// unknowns: those of |alpha|, |alpha| times the argument of alpha, |beta|, and |beta| times the argument of beta.
 #[inline(always)]
 fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], frame: [Vec3; 2]) -> [[f64; 2]; 4] {
-    // a = conj(alpha) conj(i e) / (4 A) and b = conj(beta) i e / (4 A), with alpha and beta scaled to length 1.
+    // With `across` = i e / (4 A), where e is the edge opposite the corner on the surface and A is the triangle's area:
+    // a = conj(alpha) conj(across), b = conj(beta) across. alpha and beta are scaled to length 1.
     let a = [alpha[0] * across[0] - alpha[1] * across[1], -alpha[0] * across[1] - alpha[1] * across[0]];
     let b = [beta[0] * across[0] + beta[1] * across[1], beta[0] * across[1] - beta[1] * across[0]];
     let [u, w] = frame;
@@ -125,9 +126,10 @@ fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], fra
     ]
 }
 
-/// Coefficients of the Hessian with respect to the four numbers of `rows`, multiplied by the triangle's area.
+/// Second derivatives of a triangle's energy with respect to the four numbers that [`rows`] differentiates, multiplied
+/// by the triangle's area.
 struct Weights {
-    /// Entries of the 2 x 2 block: along alpha, mixed, along beta.
+    /// Entries of the 2 x 2 block of the components along alpha and beta (see the [module](self)): 11, 12 and 22.
     along: [f64; 3],
     twist: f64,
     flip: f64,
@@ -156,7 +158,8 @@ struct Flat {
     /// alpha and beta, scaled to length 1.
     alpha: [f64; 2],
     beta: [f64; 2],
-    /// i e / (4 A) for each corner.
+    /// For each corner, i e / (4 A), with e the opposite edge on the surface as a complex number, and A the triangle's
+    /// area.
     across: [[f64; 2]; 3],
     /// Two unit vectors that span the plane of the triangle on the sphere.
     plane: [Vec3; 2],
@@ -170,7 +173,8 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
     let first = scale(t.bc, 1.0 / length);
     let second = cross(scale(normal, 1.0 / dot(normal, normal).sqrt()), first);
     let wa = [-dot(t.ab, first), -dot(t.ab, second)];
-    // Coordinates of the triangle on the surface, with its corners b and c placed likewise.
+    // Coordinates of the corresponding triangle on the surface, likewise with corner b at 0 and corner c on the real
+    // axis.
     let long = (2.0 * area * (y + z)).sqrt();
     let (side, height) = (long / (4.0 * area), 0.5 / long);
     let across = [[0.0, side], [-height, -height * z], [height, -height * y]];
@@ -186,16 +190,18 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
     Flat { weights, alpha: [alpha[0] * by_alpha, alpha[1] * by_alpha], beta, across, plane: [first, second] }
 }
 
-/// Returns the gradient in space with respect to one corner a of a triangle; `b` and `c` are the other corners.
+/// Returns the gradient in space of a triangle's energy with respect to its corner a; `b` and `c` are the other
+/// corners.
 #[inline(always)]
 fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &Triangle) -> Vec3 {
-    // A dq/da = (z (a - b) + y (a - c)) / 2.
-    // dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2), d(volume)/da = b x c, d(rest)/da = b + c;
-    // b x c = b x (c - b), which keeps the digits of short edges.
+    // With A the area on the surface, and y and z the cotangents at b and c, A dq/da = (z (a - b) + y (a - c)) / 2.
+    // With W = A r the solid angle, dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2), d(volume)/da = b x
+    // c, d(rest)/da = b + c; b x c = b x (c - b), which keeps the digits of short edges.
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }
 
-/// Returns one triangle's value, gradient and Hessian. For a flipped triangle the value is infinite and the rest zero.
+/// Returns one triangle's value, gradient and Hessian. For a flipped triangle the value is infinite and the derivatives
+/// are zero.
 #[inline(always)]
 pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> [f64; NUMBERS] {
     let [a, b, c] = p;
@@ -245,7 +251,7 @@ pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64
 }
 
 /// Returns one triangle's value, and its gradient and Hessian (entries 00, 10 and 11) with respect to the two unknowns
-/// of the first corner. For a flipped triangle the value is infinite and the rest zero.
+/// of the first corner. For a flipped triangle the value is infinite and the derivatives are zero.
 #[inline(always)]
 pub(crate) fn corner_derivatives<D: Density>(
     density: D,

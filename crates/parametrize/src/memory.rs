@@ -1,7 +1,7 @@
 //! Estimates the memory that each method needs.
 //!
-//! The memory is linear in the number of vertices, except for the model that adapts the areas: its samples and the
-//! tables of its transform grow with the square of its degree.
+//! The memory is linear in the number of vertices, except for the model that adapts the areas. The samples of this
+//! model and the tables of its transform grow with the square of its degree.
 
 use spharm_surface::generate::icosphere_counts;
 
@@ -36,8 +36,8 @@ impl Method {
             Self::Conformal(_) | Self::Stretch(_) | Self::EqualArea(_) => 0,
             Self::Deform { params, map } => {
                 let subdivisions = params.subdivisions.unwrap_or_else(|| next_icosphere(vertices as u64));
-                // Covers the neighbours of the vertices, the search tree of the surface, and the vectors of the
-                // sweeps.
+                // The 1500 bytes per vertex cover the neighbours of the vertices, the search tree of the surface, and
+                // the vectors of the sweeps.
                 adapting(map) + 2 * FIXED + 1500 * icosphere_counts(subdivisions)[0]
             }
         })
@@ -70,7 +70,7 @@ mod tests {
         let auto = |degree| Method::Auto(CaldParams { degree, ..CaldParams::default() });
         assert!(auto(None).bytes(10_242) > auto(Some(5)).bytes(10_242));
         assert!(auto(Some(5)).bytes(40_962) > 3 * auto(Some(5)).bytes(10_242));
-        // Degrees above the largest one that the vertices determine are lowered to it.
+        // Both degrees are lowered to the largest degree that the vertices determine.
         assert_eq!(auto(Some(1000)).bytes(642), auto(Some(2000)).bytes(642));
         let deform = |subdivisions| Method::Deform {
             params: DeformParams { subdivisions, ..DeformParams::default() },

@@ -12,7 +12,7 @@ pub struct Mending {
     pub repair: MeshRepair,
     /// Number of handles of the repaired mesh.
     pub handles: usize,
-    /// Whether the repair drops a large part of the mesh, and a wrap would keep it, see
+    /// Whether the repair drops a large part of the mesh that a wrap would keep, see
     /// [`would_wrap`](crate::wrap::would_wrap).
     pub wraps: bool,
 }

@@ -5,7 +5,7 @@
 //! triangles, is solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a
 //! Cholesky factorisation. A step is halved until it flips no triangle and decreases the energy sufficiently (Armijo).
 //! Newton steps reduce the low-frequency errors of stiff energies. Sweeps over single vertices would need about as many
-//! rounds for this as there are edges across the mesh.
+//! rounds for this as a path across the mesh has edges.
 //!
 //! Sums are taken over chunks of fixed length in a fixed order, so the result has the same bits for any number of
 //! threads.
@@ -43,14 +43,15 @@ enum Solver {
     },
 }
 
-/// Smallest number of iterations after which the coarse matrix is factored again for the next step.
+/// If solving a step's linear system takes at least this number of iterations, the coarse matrix is factored again for
+/// the next step.
 const SLOW: usize = 10;
 
-/// Number of vertices from which conjugate gradients are faster than a factorisation.
+/// From this number of vertices on, conjugate gradients are used, because they are faster than a factorisation.
 const MANY: usize = 2000;
 
-/// Relative shift of the diagonal before a factorisation. Without it the matrix could be singular, since rotations of
-/// the whole sphere don't change the energy.
+/// Relative shift of the diagonal before a factorisation. Without the shift the matrix could be singular, since
+/// rotations of the entire sphere don't change the energy.
 const SHIFT: f64 = 1e-8;
 
 /// The result of a Newton step.
@@ -60,17 +61,17 @@ pub(crate) struct Step {
     pub(crate) before: f64,
     /// Energy after the step.
     pub(crate) after: f64,
-    /// Fraction of the Newton step that was taken; 0 if no fraction decreased the energy.
+    /// Fraction of the Newton step that was taken. The value is 0 if no fraction decreased the energy.
     pub(crate) taken: f64,
-    /// Decrease of the energy for this fraction as predicted by the quadratic model.
+    /// Decrease of the energy that the energy's quadratic approximation predicts for the step taken.
     promised: f64,
 }
 
 impl Step {
-    /// Estimates the decrease of the energy by another step, given the actual decrease `gain` by this one.
+    /// Estimates the decrease of the energy by another step, given the actual decrease `gain` by this step.
     ///
     /// After a full step, the estimate is the difference between the actual and the predicted decrease, but at most
-    /// `gain`; after a shorter step, it is `gain`.
+    /// `gain`. After a shorter step, the estimate is `gain`.
     pub(crate) fn left(&self, gain: f64) -> f64 {
         if self.taken < 1.0 { gain } else { gain.min((gain - self.promised).abs()) }
     }
@@ -100,7 +101,7 @@ impl Newton {
         set_areas(&mut self.shapes, areas);
     }
 
-    /// Loads triangles into a batch: up to [`BATCH`] triangles from index `first` on, all before `end`. Returns the
+    /// Loads up to [`BATCH`] triangles into a batch: those with indices from `first` on and below `end`. Returns the
     /// number of triangles loaded.
     fn fill(&self, batch: &mut Batch, unit: &[Vec3], first: usize, end: usize) -> usize {
         let last = (first + BATCH).min(end);
@@ -193,7 +194,7 @@ impl Newton {
         }
     }
 
-    /// Takes one Newton step, which moves the vertices `unit`.
+    /// Takes one Newton step, which moves the vertices `unit` on the unit sphere.
     pub(crate) fn step(
         &mut self,
         energy: Energy,
@@ -231,7 +232,7 @@ impl Newton {
             let after = self.value(energy, &moved);
             if after <= before + 1e-4 * t * slope && self.is_positive(&moved) {
                 unit.copy_from_slice(&moved);
-                // The Newton direction d satisfies d^T H d = -slope.
+                // The quadratic model predicts this decrease, because d^T H d = -slope for the Newton direction d.
                 let promised = -slope * t * (1.0 - 0.5 * t);
                 return Ok(Step { before, after, taken: t, promised });
             }
@@ -275,7 +276,7 @@ mod tests {
                 assert!(step.after <= step.before && step.before == last.after, "{step:?}");
                 last = step;
             }
-            // Near the minimum, hardly any decrease of the energy is left, up to the error of the quadratic model.
+            // Near the minimum, another step would hardly lower the energy, so the estimated decrease is nearly 0.
             assert!(last.left(last.before - last.after) < 1e-6 * last.after, "{last:?}");
             newton.value(energy, &map)
         });

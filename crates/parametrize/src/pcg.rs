@@ -2,8 +2,8 @@
 //!
 //! A cycle of the preconditioner consists of two steps of Chebyshev's smoother, a correction in the coarse space
 //! (`coarse.rs`), and two more smoothing steps. The smoother uses the inverses D^-1 of the 2 x 2 diagonal blocks of the
-//! matrix H. For any triangulation the eigenvalues of D^-1 H are at most 3, since H is a sum of semidefinite matrices
-//! of three corners each.
+//! matrix H. For any triangulation the eigenvalues of D^-1 H are at most 3, since H is a sum of positive semidefinite
+//! matrices, each of which couples only the three corners of a triangle.
 //!
 //! Memory and work per iteration are linear in the number of vertices. For any number of vertices, about ten iterations
 //! reduce the error, measured in the energy of the quadratic model, to a hundredth.
@@ -25,17 +25,18 @@ const ROWS: usize = 2048;
 /// Number of smoothing steps before the coarse correction, and again after it.
 const SMOOTHING: usize = 2;
 
-/// Range of eigenvalues of D^-1 H that the smoother damps. The upper end bounds all eigenvalues.
+/// The smoother damps eigenvalues of D^-1 H in this range, for the matrix H and its 2 x 2 diagonal blocks D. No
+/// eigenvalue is above the range.
 const RANGE: [f64; 2] = [0.3, 3.0];
 
 /// Largest number of iterations.
 const ITERATIONS: usize = 100;
 
-/// Ratio of the residual's norm to its initial value, in the preconditioner's inner product, at which the iterations
-/// end.
+/// The iterations end when the residual's norm, in the preconditioner's inner product, falls below this fraction of its
+/// initial value.
 const REDUCTION: f64 = 0.01;
 
-/// Counts the matrix blocks that are multiplied; for tests.
+/// Counts the matrix blocks that are multiplied. Used by tests.
 #[cfg(test)]
 fn multiplied(blocks: usize) {
     tests::MULTIPLIED.with(|count| count.set(count.get() + blocks));
@@ -51,7 +52,7 @@ pub(crate) struct System<'a> {
     /// The blocks of H in single precision, which is accurate enough for a search direction.
     pub(crate) blocks: Vec<[f32; 4]>,
     pub(crate) coarse: &'a Coarse,
-    /// Cholesky factor of the coarse matrix for H, or for the H of an earlier step.
+    /// Cholesky factor of the coarse matrix, computed from the Hessian H of this Newton step or of an earlier one.
     pub(crate) factor: &'a Factor,
     /// For each vertex, the two rows that [`turns`](crate::coarse::turns) returns for its position.
     pub(crate) turns: &'a [[Vec3; 2]],
@@ -165,8 +166,8 @@ impl System<'_> {
             x.par_iter_mut().zip(&mut work.change).zip(rest).zip(&work.inverses).with_min_len(ROWS).for_each(
                 |(((x, change), rest), [a, b, c])| {
                     let z = [a * rest[0] + b * rest[1], b * rest[0] + c * rest[1]];
-                    // In the first step `change` still has the values of the previous cycle, which must not be used,
-                    // even if NaN.
+                    // In the first step `change` still contains the values of the previous cycle. These values must not
+                    // be used, because 0 times NaN would be NaN.
                     let kept = if keep == 0.0 { [0.0; 2] } else { [keep * change[0], keep * change[1]] };
                     *change = [kept[0] + take * z[0], kept[1] + take * z[1]];
                     *x = [x[0] + change[0], x[1] + change[1]];
@@ -214,7 +215,7 @@ mod tests {
             MULTIPLIED.with(|count| count.get()) as f64 / f64::from(sides)
         };
         let (few, many) = (work(2500), work(10_000));
-        // If the work were quadratic, `many` would be four times `few`.
+        // If the work grew with the square of the number of vertices, `many` would be four times `few`.
         assert!(many < 2.0 * few && many < 20_000.0, "{few} {many}");
     }
 

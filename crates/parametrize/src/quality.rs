@@ -14,9 +14,9 @@
 //! # Verifying that a map is one to one
 //!
 //! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
-//! branched covering. It is one to one if it covers the sphere once. The orientation of each triangle is determined by
-//! an exact predicate from the given coordinates. The number of times that the sphere is covered, an integer, is
-//! determined from the sum of solid angles.
+//! branched covering. The map is one to one if it covers the sphere once. The orientation of each triangle is
+//! determined by an exact predicate from the given coordinates. The number of times that the sphere is covered, an
+//! integer, is determined from the sum of solid angles.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -35,7 +35,8 @@ pub struct Quality {
     pub flipped: usize,
     /// Number of spherical triangles without area, by the exact predicate.
     pub degenerate: usize,
-    /// Number of times that the sphere is covered; 1, or -1 if the triangles wind clockwise seen from outside.
+    /// Number of times that the triangles cover the sphere. For a one-to-one map the number is 1, or -1 if the
+    /// triangles wind clockwise seen from outside.
     pub winding_number: i64,
     /// Root mean square of the triangles' log area ratios.
     pub area_rms: f64,
@@ -56,7 +57,7 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Measures the map from a surface to a sphere with the same triangles. O(n log n).
+    /// Measures the map from a surface to a sphere with the same triangles. Takes O(n log n) time.
     ///
     /// # Panics
     ///
@@ -164,7 +165,8 @@ impl Triangle {
     fn measure(surface: [Vec3; 3], sphere: [Vec3; 3], scale: f64) -> Self {
         let (area, image) = (area(surface) * scale, area(sphere));
         let (before, after) = (angles(surface), angles(sphere));
-        // s1^2 + s2^2 = sum of cot(angle) |opposite edge|^2 / (2 A), s1 s2 = image / A.
+        // The map stretches the triangle by s1 and s2: s1^2 + s2^2 = sum of cot(angle) |opposite edge|^2 / (2 area),
+        // with the angles on the surface and the edges on the sphere, and s1 s2 = image / area.
         let [a, b, c] = surface;
         let cotangents = [cotangent(a, b, c), cotangent(b, c, a), cotangent(c, a, b)];
         let [p, q, r] = sphere;
@@ -265,7 +267,7 @@ mod tests {
     fn flips_and_turned_spheres_are_told_apart() {
         let sphere = icosphere(2);
         let mut folded = sphere.clone();
-        // One vertex is moved across its ring of neighbours.
+        // One vertex is moved out of its ring of neighbours, to the other side.
         let [a, b, _] = sphere.faces[40];
         folded.vertices[a as usize] = {
             let (p, q) = (sphere.vertices[a as usize], sphere.vertices[b as usize]);

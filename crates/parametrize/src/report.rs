@@ -14,14 +14,14 @@ use crate::quality::Quality;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Parametrization {
-    /// The given surface, or the new one if the method makes a new surface (equal-area, [`deform`](crate::deform()),
-    /// [`resample`](crate::resample())).
+    /// The given surface. Methods that make a new surface (equal-area, [`deform`](crate::deform()),
+    /// [`resample`](crate::resample())) store the new surface here.
     pub surface: Mesh,
     /// The sphere: the surface's triangles, with a unit vector for each vertex of the surface in the same order.
     pub sphere: Mesh,
     /// Report on the method's work and the quality of the map.
     pub report: Report,
-    /// Distance between the given surface and the resampled one; `None` if the surface wasn't resampled.
+    /// Distance between the given surface and the resampled surface; `None` if the surface wasn't resampled.
     pub resampling: Option<Resampling>,
 }
 
@@ -133,13 +133,14 @@ pub struct Report {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Resampling {
-    /// Distance between the given surface (first) and the resampled one (second), in the given surface's unit.
+    /// Distance between the given surface (first) and the resampled surface (second), in the given surface's unit.
     pub distance: SurfaceDistance,
-    /// Number of pairs of intersecting triangles of the resampled surface; `None` if they weren't searched for.
+    /// Number of pairs of intersecting triangles of the resampled surface; `None` if the method doesn't search for
+    /// intersections.
     pub self_intersections: Option<usize>,
 }
 
-/// A fact about a map. `Display` gives it as a phrase.
+/// A fact about a map. `Display` formats the fact as a phrase.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Note {
@@ -162,7 +163,7 @@ pub enum Note {
         /// Number of vertices of the other map.
         vertices: usize,
     },
-    /// Distance between the given surface and the resampled one.
+    /// Distance between the given surface and the resampled surface.
     Distance(SurfaceDistance),
 }
 
@@ -198,7 +199,7 @@ impl Serialize for Note {
     }
 }
 
-/// A possible reason why a map is unfit for its purpose. `Display` gives it as a phrase.
+/// A possible reason why a map is unfit for its purpose. `Display` formats the reason as a phrase.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
@@ -209,9 +210,10 @@ pub enum Warning {
         /// Error message of the method that failed.
         cause: String,
     },
-    /// The Moebius transformation of least area distortion would have flipped triangles, so a smaller one was applied.
+    /// The Moebius transformation of least area distortion would have flipped triangles, so a smaller transformation
+    /// was applied.
     CentringStopped,
-    /// Vertices were moved off the given surface because triangles intersected there.
+    /// Vertices were moved off the given surface because the triangles around them intersected.
     Smoothed {
         /// Number of moved vertices.
         vertices: usize,

@@ -1,10 +1,11 @@
 //! Resamples a surface on another sampling of its sphere.
 //!
-//! If all subjects of a study have the same vertices over the same sphere, vertices correspond and a single basis
-//! suffices. Each vertex of the shared sphere is a direction that meets a triangle of the surface's own sphere. The new
-//! vertex is the point of the surface with the same barycentric weights ([`SphereLocator`]). If a direction coincides
-//! with a vertex of the surface's sphere, the new vertex has exactly that vertex's position. Elsewhere the new vertices
-//! lie on the old surface, but the new triangles cut its corners; [`Resampling::distance`] measures the difference.
+//! If the surfaces of all subjects of a study are resampled on one shared sphere, vertices with the same index
+//! correspond, and all fits can use a single basis. Each vertex of the shared sphere is a direction that meets a
+//! triangle of the surface's own sphere. The new vertex is the point of the surface with the same barycentric weights
+//! ([`SphereLocator`]). If a direction coincides with a vertex of the surface's sphere, the new vertex has exactly that
+//! vertex's position. Elsewhere the new vertices lie on the old surface, but the new triangles cut its corners;
+//! [`Resampling::distance`] measures the difference.
 
 use std::time::Instant;
 
@@ -52,12 +53,12 @@ pub fn resample(
     }
     monitor.end();
     let mut new = Mesh::new(positions, shared.faces.clone());
-    // The metadata describe the space of the coordinates, which is the same for the new surface.
+    // The metadata describe the space of the coordinates. The new surface is in the same space.
     new.meta.clone_from(&surface.meta);
     let unit = Mesh::new(vertices, shared.faces.clone());
     let mut found = measured("resample", surface, new, unit, started, monitor)?;
-    // The shared sphere is used unchanged. Normalising its vectors again could change their last bits, and with them
-    // the key that identifies their basis.
+    // The shared sphere is used unchanged. Normalising its vectors again could change their last bits, and therefore
+    // the key that identifies the sphere's basis.
     found.sphere = shared.clone();
     Ok(found)
 }
@@ -110,7 +111,7 @@ pub(crate) fn locator(sphere: &Mesh) -> Result<SphereLocator, ParametrizeError> 
     Ok(locator)
 }
 
-/// Returns the points of a surface that its sphere's locator assigns to directions.
+/// Returns the point of a surface that corresponds to each direction, found by the locator of the surface's sphere.
 pub(crate) fn points(
     locator: &SphereLocator,
     surface: &Mesh,

@@ -1,11 +1,12 @@
 //! Adapts target areas to the residual of a fit: more area where a model of a given degree has a large residual.
 //!
-//! A model of degree L resolves pi / L everywhere on the sphere. Its residual is therefore largest where the surface
-//! bends sharply, or where the surface is meshed more finely than its area on the sphere can represent. A map with more
-//! area there and less elsewhere gives a smaller error (P. Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized
-//! parametrization", EGRW 2002). Here a least-squares fit over the current map gives a residual on each triangle. The
-//! triangles' target areas are multiplied by exp (s g), with s a step length and g the size of the residual, smoothed
-//! slightly over neighbours, minus its mean, in units of its standard deviation.
+//! A model of degree L resolves details of the size pi / L, everywhere on the sphere. The model's residual is therefore
+//! largest where the surface bends sharply, or where the surface is meshed too finely for its area on the sphere. A map
+//! with more area where the residual is large, and less area elsewhere, gives a smaller error (P. Sander, S. Gortler,
+//! J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here a least-squares fit over the current map
+//! gives a residual on each triangle. Each triangle's target area is multiplied by exp (s g), with s a step length. The
+//! number g is the size of the residual on the triangle, smoothed slightly over neighbours, minus its mean, in units of
+//! its standard deviation.
 
 use std::ops::Range;
 
@@ -25,18 +26,19 @@ use crate::geometry::{Vec3, add, scale};
 /// Largest default degree of the model.
 const MAX_DEFAULT_DEGREE: usize = 100;
 
-/// Number of vertices per basis function: the default, and the minimum. With fewer vertices a model nearly interpolates
-/// them, and its residual is meaningless.
+/// Number of vertices per basis function of the model whose residual is used: the default, and the minimum. With fewer
+/// vertices, a model nearly interpolates the vertices, and its residual is meaningless.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
-/// Largest excess of the residual. Larger values are reduced to it, so that a few distant vertices don't get excessive
-/// areas.
+/// Upper limit of [`Residual::excess`]. Larger values are reduced to this limit, so that a few vertices far from the
+/// model don't get excessive areas.
 const MAX_EXCESS: f64 = 8.0;
 
 /// Number of rounds that average residuals over neighbours.
 const ROUNDS: usize = 2;
 
-/// Largest number of iterations of the least-squares solver. With samples over the entire surface a few suffice.
+/// Largest number of iterations of the least-squares solver. With samples over the entire surface, a few iterations
+/// suffice.
 const ITERATIONS: usize = 100;
 
 /// Returns the degree of the model: `asked` or the default, limited to the largest degree that the given number of
@@ -46,11 +48,12 @@ pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
-/// Largest mean number of samples per triangle, if there are more than [`FEW_SAMPLES`] samples in all. In meshes with
-/// many triangles, typical triangles have 3 samples each.
+/// The degree is lowered until there are at most this number of samples per triangle on average. The limit applies only
+/// if there are more than [`FEW_SAMPLES`] samples. In meshes with many triangles, typical triangles have 3 samples
+/// each.
 const MOST_SAMPLES: usize = 16;
 
-/// Number of samples up to which [`MOST_SAMPLES`] isn't applied.
+/// The limit [`MOST_SAMPLES`] isn't applied if there are at most this number of samples in all.
 const FEW_SAMPLES: usize = 1_000_000;
 
 /// Residual of a SPHARM fit over the current map.
@@ -89,8 +92,8 @@ pub(crate) fn residual(
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Averages over a triangle's part of the sphere. For the map that is fitted, this equals the mean over the triangle
-    // on the surface.
+    // Averages over a triangle's part of the sphere. The fitted function maps this part linearly onto the triangle of
+    // the surface, so the average equals the mean over the surface's triangle.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
@@ -138,7 +141,8 @@ fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     }
 }
 
-/// Scales values to mean zero and root mean square one, then reduces larger values to [`MAX_EXCESS`].
+/// Shifts and scales values to mean zero and root mean square one, then reduces values above [`MAX_EXCESS`] to this
+/// limit.
 fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

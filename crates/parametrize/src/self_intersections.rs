@@ -1,9 +1,9 @@
 //! Finds the pairs of intersecting triangles of a mesh.
 //!
-//! Two triangles without a common vertex intersect if an edge of one passes through the other. Two triangles with one
-//! common vertex intersect if the edge of one that is opposite the common vertex passes through the other. All tests
-//! use the signs of exact determinants. Triangles with a common edge never count as intersecting, nor do triangles in
-//! the same plane. A surface that is folded flat onto itself is therefore not detected.
+//! Two triangles without a common vertex intersect if an edge of one triangle passes through the other triangle. Two
+//! triangles with one common vertex intersect if an edge opposite the common vertex passes through the other triangle.
+//! All tests use the signs of exact determinants. Triangles with a common edge, and triangles in the same plane, are
+//! never treated as intersecting. A surface that is folded flat onto itself is therefore not detected.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};

@@ -1,5 +1,5 @@
-//! Sparse Cholesky factors of symmetric matrices of small blocks, with an analysis that is reused for all matrices of
-//! the same pattern.
+//! Computes sparse Cholesky factors of symmetric matrices that consist of small blocks. The symbolic analysis is reused
+//! for all matrices with the same sparsity pattern.
 //!
 //! On a surface of n vertices, a factorisation takes O(n^1.5) flops, and the factor has O(n log n) entries.
 
@@ -22,8 +22,8 @@ pub(crate) struct Factor(SparseFactor);
 
 impl Symbolic {
     /// Analyses a symmetric pattern of blocks of `size` rows and columns. `columns` lists the columns of each row,
-    /// including the diagonal, in any order; `starts` has the start of each row in `columns`. Returns `None` if
-    /// memory runs out.
+    /// including the diagonal, in any order; `starts` contains the index in `columns` of each row's first entry.
+    /// Returns `None` if memory runs out.
     pub(crate) fn new(
         size: usize,
         starts: &[u32],
@@ -64,8 +64,8 @@ impl Symbolic {
             let (columns, first) = later(starts, columns, v);
             let own = columns.iter().position(|&w| w as usize == v).unwrap_or(0);
             for k in 0..size {
-                // The pattern has columns below the diagonal; by symmetry these equal the rows to the right of the
-                // diagonal.
+                // The pattern contains the columns' entries below the diagonal. By symmetry these entries equal the
+                // rows' entries to the right of the diagonal.
                 values.extend_from_slice(&blocks[first + own][size * k + k..size * (k + 1)]);
                 for (at, &w) in columns.iter().enumerate() {
                     if w as usize > v {
@@ -81,7 +81,7 @@ impl Symbolic {
     }
 }
 
-/// Returns the columns of a row, and the index of the first one in `columns`.
+/// Returns the columns of a row, and the index in `columns` of the first of them.
 fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
     let first = starts[row] as usize;
     (&columns[first..starts[row + 1] as usize], first)

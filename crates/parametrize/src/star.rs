@@ -2,8 +2,8 @@
 //!
 //! A vertex may only move inside its kernel. The kernel is the set of points from which the entire ring of neighbours
 //! is visible in the right order: the intersection of the hemispheres to the left of the ring's edges. A move is made
-//! only if it lowers the energy and leaves every triangle around the vertex positive by the exact predicate. A map
-//! without flipped triangles therefore never gets one, regardless of rounding.
+//! only if it lowers the energy and leaves every triangle around the vertex positive by the exact predicate. If no
+//! triangle of a map is flipped, no move flips a triangle, regardless of rounding.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -13,8 +13,8 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit
 use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
-/// The triangles around a vertex. Each is stored as its two other corners and its shape, whose first corner is the
-/// vertex.
+/// The triangles around a vertex. For each triangle, the positions of its two other corners are stored, and its shape,
+/// in which the vertex is the first corner.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }
@@ -45,7 +45,8 @@ impl Star {
         self.spokes.iter().map(each).sum()
     }
 
-    /// Returns whether every triangle is positive by the exact predicate if the vertex is at x.
+    /// Returns whether every triangle around the vertex has positive orientation, by the exact predicate, if the vertex
+    /// is at x.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }
@@ -67,8 +68,8 @@ impl Star {
         }
         if best.is_none() {
             let deepest = self.deepest()?;
-            // In a narrow kernel, rounding can put the deepest point outside. Points between it and `beside` may still
-            // be inside.
+            // In a narrow kernel, rounding can put the deepest point outside. Points between the deepest point and
+            // `beside` may still be inside, so they are tried as well.
             let shares = [1.0, 0.5, 0.25, 0.125, 0.0625, 1e-2, 1e-3, 1e-4];
             let places = shares.map(|s| unit(add(scale(deepest, s), scale(beside, 1.0 - s))));
             best = places.into_iter().fold(None, better);
@@ -76,12 +77,12 @@ impl Star {
         best.map(|(_, x)| x)
     }
 
-    /// Returns the centre of the largest spherical cap inside the kernel.
+    /// Returns the centre of the largest spherical cap inside the vertex's kernel; see the [module](self).
     ///
     /// Let n_i be the unit normals of the planes through the ring's edges and the origin. The centre is the unit vector
-    /// x with the largest min n_i . x. By duality, x points towards the point nearest to the origin in the convex hull
-    /// of the n_i. This point lies in the hull of one, two or three of the n_i. Since there are few n_i, all
-    /// combinations are tried.
+    /// x for which the smallest of the n_i . x is largest. By duality, x points towards the point nearest to the origin
+    /// in the convex hull of the n_i. This point lies in the hull of one, two or three of the n_i. Since there are few
+    /// n_i, all combinations are tried.
     fn deepest(&self) -> Option<Vec3> {
         let normals: Vec<Vec3> =
             self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
@@ -127,8 +128,8 @@ impl Star {
         sum
     }
 
-    /// Takes one Newton step from x, which must be inside the kernel. Returns x unchanged if the energy can't be
-    /// lowered.
+    /// Takes one Newton step from x, which must be inside the vertex's kernel (see the [module](self)). Returns x
+    /// unchanged if the energy can't be lowered.
     pub(crate) fn relax(&self, energy: Energy, x: Vec3) -> Vec3 {
         let [u, v] = frame(x);
         let [value, g0, g1, a, b, c] = self.derivatives(energy, x, [u, v]);
@@ -162,7 +163,8 @@ impl Star {
 pub(crate) struct Classes(Vec<Vec<u32>>);
 
 impl Classes {
-    /// Divides vertices into classes by greedy colouring, in the given order.
+    /// Divides vertices into classes such that no two vertices of a class are neighbours, by greedy colouring in the
+    /// given order.
     pub(crate) fn new(hierarchy: &Hierarchy, vertices: &[u32]) -> Self {
         const NONE: u32 = u32::MAX;
         let mut colours = vec![NONE; hierarchy.around.len()];
@@ -189,10 +191,11 @@ impl Classes {
     }
 }
 
-/// Number of vertices of a sweep between checks of the monitor.
+/// Number of vertices that a sweep processes between checks of the monitor.
 const CHUNK: usize = 1 << 15;
 
-/// Relaxes all vertices, class by class. Returns the length of the longest move.
+/// Moves each vertex to lower the energy of its triangles, one class of `classes` after another. Returns the length of
+/// the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],

@@ -12,7 +12,8 @@ use crate::handles::fill_holes;
 use crate::mending::Mending;
 use crate::wrap::would_wrap;
 
-/// Share of the area in dropped pieces above which a wrap is tried, too.
+/// If a repair drops pieces with more than this share of the mesh's area, a coarse trial shows whether a wrap would
+/// keep all bodies of the mesh.
 const DROPPED: f64 = 0.05;
 
 /// A repaired copy of a mesh.
@@ -30,9 +31,9 @@ pub(crate) struct Repaired {
 ///
 /// # Errors
 ///
-/// Those of [`mending`].
+/// The errors of [`mending`].
 pub(crate) fn repaired(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Repaired, ParametrizeError> {
-    // Areas of very large or small coordinates leave the range of f64.
+    // With very large or very small coordinates, areas would overflow or underflow, so the coordinates are scaled.
     let scaled = scaled_meshes([mesh]);
     let (given, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
     let (mut mesh, mut repair) = repair(given);
@@ -47,7 +48,7 @@ pub(crate) fn repaired(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Repaired, P
 /// # Errors
 ///
 /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
-/// [`ParametrizeError::BadSurface`] if its pieces lie apart; [`ParametrizeError::Interrupted`].
+/// [`ParametrizeError::BadSurface`] if the pieces of the mesh aren't connected; [`ParametrizeError::Interrupted`].
 pub(crate) fn mending(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Option<Box<Mending>>, ParametrizeError> {
     let Repaired { mesh: mended, repair, two_sided, .. } = repaired(mesh, monitor)?;
     if !two_sided || !repair.is_any() {
@@ -74,8 +75,9 @@ pub fn defects(mesh: &Mesh) -> (Vec<String>, usize) {
     }
 }
 
-/// Adds the repair of this mesh to an error, if it is [`ParametrizeError::BadSurface`] without a repair and a repair
-/// would succeed. If the mesh can't enclose a body, the error says so instead. Other errors are returned unchanged.
+/// Adds the repair of this mesh to an error, if the error is [`ParametrizeError::BadSurface`] without a repair and a
+/// repair would succeed. If the mesh can't enclose a body, the error that states this is returned instead. Other errors
+/// are returned unchanged.
 pub(crate) fn with_mending(error: ParametrizeError, mesh: &Mesh, monitor: &dyn Monitor) -> ParametrizeError {
     let in_range = || mesh.faces.as_flattened().iter().all(|&v| (v as usize) < mesh.vertices.len());
     match error {

@@ -29,7 +29,7 @@ pub(crate) type PositionsOut<'py> = Bound<'py, PyArray2<f64>>;
 ///
 /// # Errors
 ///
-/// `ValueError` for another shape.
+/// `ValueError` if the array has a different shape.
 pub(crate) fn rows<T: Copy>(what: &str, array: ArrayView2<'_, T>) -> PyResult<Vec<[T; 3]>> {
     borrowed_rows(what, array).map(Cow::into_owned)
 }
@@ -93,7 +93,7 @@ impl<'a> SphereArrays<'a> {
         Ok(Self { vertices, faces, parametrized, seam: None, metadata: None })
     }
 
-    /// Copies the vertices unless they are already a copy, for work that may outlive the call.
+    /// Copies the vertices unless they are already a copy. Work that may continue after the call needs a copy.
     pub(crate) fn owned(self) -> SphereArrays<'static> {
         let Self { vertices, faces, parametrized, seam, metadata } = self;
         SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam, metadata }
@@ -109,7 +109,7 @@ impl<'a> SphereArrays<'a> {
         Self { metadata, ..self }
     }
 
-    /// Checks the sphere and converts it to the library's type. This takes long for large spheres.
+    /// Checks the sphere and converts it to the library's type. The check takes a long time for large spheres.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
         let Self { vertices, faces, parametrized, seam, metadata } = self;
         let fits = |seam: Seam| seam.checked(vertices.len(), faces.len());

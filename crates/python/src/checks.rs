@@ -12,8 +12,9 @@ use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run;
 
-/// A subject as returned to Python: its measures and their robust z, both in the order of [`Measure::ALL`]; the mode
-/// along which it is farthest from the others, counted from 1, with the robust z; its flags; and its severity.
+/// A subject as returned to Python. The fields are: the measures; their robust z, in the order of [`Measure::ALL`] like
+/// the measures; the mode along which the subject is farthest from the others, counted from 1, with its robust z; the
+/// flags; and the severity.
 type Subject = (Vec<Option<f64>>, Vec<Option<f64>>, Option<(usize, f64)>, Vec<String>, f64);
 
 /// Compares the subjects of a group. `aligned` has the models in one pose, and their mean; `scores` has the scores of
@@ -40,7 +41,7 @@ pub(crate) fn shape_check(
                 facts.measures[Measure::Distance as usize] =
                     match rmsd(&aligned[index].coefficients, &mean.coefficients) {
                         Ok(distance) => Some(distance),
-                        // The degrees of a group can differ; such models have no distance from the mean.
+                        // A model whose degree differs from that of the mean has no distance from the mean.
                         Err(ShapeError::Differ { .. }) => None,
                         Err(error) => return Err(of(error)),
                     };

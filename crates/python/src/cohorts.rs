@@ -180,7 +180,8 @@ impl CohortRun {
         self.rows
     }
 
-    /// Waits for the next finished row. Returns the row, or `None` at the end, and the warnings that came before it.
+    /// Waits for the next finished row. Returns the row, or `None` after the last row, and the warnings issued before
+    /// it.
     fn next(&self, py: Python<'_>) -> PyResult<(Option<Finished>, Vec<String>)> {
         let mut warnings = Vec::new();
         loop {
@@ -194,7 +195,7 @@ impl CohortRun {
         }
     }
 
-    /// Cancels the run, which then ends as soon as possible.
+    /// Cancels the run. The run ends as soon as possible.
     fn stop(&self) {
         self.started.stop();
     }

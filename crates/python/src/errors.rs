@@ -41,10 +41,10 @@ pub(crate) enum Failure {
         budget: u64,
         /// Bytes needed.
         needed: u64,
-        /// Whether the caller gave the budget; otherwise it is the free memory.
+        /// Whether the caller gave the memory budget. Otherwise the budget is the free memory.
         given: bool,
     },
-    /// An argument is invalid, which is found before the library is called.
+    /// An argument is invalid. Such errors are found before the library is called.
     Argument(String),
     /// The library panicked, which is a bug.
     Panic,
@@ -98,7 +98,7 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     }
 }
 
-/// Returns the text of an error, with advice in terms of Python's functions if there is any.
+/// Returns the text of an error, followed by advice in terms of the Python functions if any advice exists.
 fn with_advice(error: &Error) -> String {
     let setting = |percent: u32| format!("largest_repair={:.2}", 0.01 * f64::from(percent));
     let largest = |repair| percent_to_allow(repair).map(setting);
@@ -159,7 +159,7 @@ fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {
         Kind::Value => PyValueError::new_err(text.to_owned()),
         Kind::Runtime => PyRuntimeError::new_err(text.to_owned()),
         Kind::Interrupted => PyKeyboardInterrupt::new_err(()),
-        // Called with these three arguments, OSError creates an instance of the subclass for the error code, such as
+        // If called with these three arguments, OSError creates an instance of the subclass for the error code, such as
         // FileNotFoundError.
         Kind::Os { path, cause } => match cause.raw_os_error() {
             Some(code) => {

@@ -77,7 +77,7 @@ impl Settings<'_> {
     ///
     /// # Errors
     ///
-    /// `ValueError` for a setting whose value is an unknown name, or that the method doesn't have.
+    /// `ValueError` if the value of a setting is an unknown name, or if the method doesn't have the setting.
     pub(crate) fn params(&self) -> PyResult<FitParams> {
         let &Self { passes, granularity, start_degree, accelerate, .. } = self;
         let method = method(&self.method, Streamed { passes, granularity, start_degree, accelerate })?;
@@ -118,8 +118,8 @@ impl Settings<'_> {
 /// A fit as returned to Python: model, standard errors, report as JSON, and warnings as pairs of class and text.
 pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
-/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first. `metadata` is the metadata
-/// of the surface's or signal's file, and that of the sphere's file.
+/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first. `metadata` contains the metadata
+/// of the file of the surface or signal, and of the sphere's file.
 #[pyfunction]
 #[pyo3(signature = (
     values, faces, sphere, sphere_faces, *, metadata, surface, parametrized, seam, changes, settings, progress = None
@@ -271,8 +271,8 @@ pub(crate) fn solve<'py>(
     Ok((fit.coefficients.values().to_owned().into_pyarray(py), errors, report.to_string(), warnings))
 }
 
-/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere. `metadata` is
-/// the metadata of each target's file, and that of the sphere's file.
+/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere. `metadata`
+/// contains the metadata of each target's file and of the sphere's file.
 #[pyfunction]
 #[pyo3(signature = (values, sphere, sphere_faces, *, metadata, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
@@ -329,7 +329,8 @@ pub(crate) fn report_of(report: &FitReport) -> Value {
     report
 }
 
-/// Returns the report of a fit, with the reports of its call and of the map of a surface without a sphere.
+/// Returns the report of a fit as JSON. It includes the report of the call and, for a surface without a sphere, the
+/// report of the map.
 fn report_of_call(fit: &Fit, many: &ManyReport, map: Option<Value>) -> Value {
     let mut report = report_of(&fit.report);
     let (scheme, seconds) = (many.scheme.to_string(), many.seconds);

@@ -34,8 +34,8 @@ pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
     models.iter().map(|model| given(&model.get().inner)).collect()
 }
 
-/// Truncates or pads the coefficients of surfaces, or of signals with one channel, to `degree`. By default, this is the
-/// lowest degree of the models.
+/// Truncates or pads the coefficients of surfaces, or of signals with one channel, to `degree`. By default, `degree` is
+/// the lowest degree of the models.
 pub(crate) fn group(
     models: &[Given],
     kind: Kind,
@@ -66,7 +66,8 @@ pub(crate) fn group(
         warnings.extend(units.iter().map(|of| format!("models[{}]: {}", of.member, of.of_member())));
     }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Check the correspondence of parameters only if the poses agree: models in different poses never correspond.
+    // Check whether the parameters correspond only if the poses agree, because models in different poses never
+    // correspond.
     if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, _)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }

@@ -1,6 +1,6 @@
 //! Defines the Python module `spharm_rs._core`, which provides the library as functions on NumPy arrays.
 //!
-//! The package's Python code (`python/spharm_rs`) converts the arguments of users to arrays of fixed types, and calls
+//! The package's Python code (`python/spharm_rs`) converts the users' arguments to arrays of fixed types, and calls
 //! this crate. This crate converts types, manages thread pools, reports progress, handles interruption, and raises
 //! exceptions. All computations are in the library.
 //!
@@ -23,7 +23,7 @@
 //! | `correspondences` | correspondence of groups; poses of single surfaces, and registration of a template to them |
 //! | `corresponding` | corresponding groups: members, files, carried points, new members |
 //! | `sources` | surfaces as passed from Python |
-//! | `cohorts` | fits of many surfaces from files, with results as they are finished |
+//! | `cohorts` | fits of many surfaces from files, with results as soon as each fit is finished |
 //! | `groups` | groups of models of a common degree, and their mean |
 //! | `poses` | rotations, and alignment of surfaces |
 //! | `modes` | modes of variation |
@@ -69,12 +69,12 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Requests huge pages for the large arrays of this module, as NumPy does for its own.
+/// Requests huge pages for the large arrays of this module, as NumPy does for its arrays.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[global_allocator]
 static ALLOCATOR: spharm_tools::allocator::LargePages = spharm_tools::allocator::LargePages;
 
-/// Runs the command-line program with the given arguments, of which the first is the program's name. Returns the exit
+/// Runs the command-line program with the given arguments. The first argument is the program's name. Returns the exit
 /// code.
 #[pyfunction]
 fn main(py: Python<'_>, arguments: Vec<OsString>) -> u8 {

@@ -19,7 +19,7 @@ pub(crate) struct Metadata {
     structure: Option<String>,
     file: Vec<(String, String)>,
     surface: Vec<(String, String)>,
-    /// The two spaces, and the transform from the first to the second.
+    /// GIfTI's coordinate system: the names of two spaces, and the 4 x 4 transform from the first space to the second.
     coordinate_system: Option<(String, String, [f64; 16])>,
     stamp: Option<String>,
     footer: Option<Vec<u8>>,
@@ -28,7 +28,8 @@ pub(crate) struct Metadata {
 }
 
 impl Metadata {
-    /// Returns the metadata of a mesh that was read from a file or made from a model; `None` if there are none.
+    /// Returns the metadata of a mesh that was read from a file or made from a model; `None` if the mesh has no
+    /// metadata.
     pub(crate) fn of(meta: Meta, path: Option<&Path>) -> Option<Self> {
         if meta == Meta::default() && path.is_none() {
             return None;
@@ -45,7 +46,7 @@ impl Metadata {
         })
     }
 
-    /// Returns the path of the file that the surface or signal was read from.
+    /// Returns the path of the file from which the surface or signal was read.
     pub(crate) fn path(&self) -> Option<&Path> {
         self.path.as_deref().map(Path::new)
     }
@@ -79,7 +80,7 @@ pub(crate) fn with_metadata(mesh: Mesh, metadata: Option<Metadata>) -> Mesh {
     Mesh { meta: metadata.map(Meta::from).unwrap_or_default(), ..mesh }
 }
 
-/// Returns the metadata that a GIfTI file has for the point set of a surface.
+/// Returns the metadata that are written to a GIfTI file for the point set of a surface.
 #[pyfunction]
 fn of_point_set(metadata: Metadata) -> Vec<(String, String)> {
     gifti_metadata(&Meta::from(metadata))

@@ -1,10 +1,10 @@
-//! The method of a fit, from Python's keyword arguments.
+//! Determines the method of a fit from Python's keyword arguments.
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use spharm::{Method, defaults};
 
-/// Settings of the methods over a store.
+/// Settings of the methods that read the basis from a store.
 #[derive(Clone, Copy)]
 pub(crate) struct Streamed {
     pub(crate) passes: usize,
@@ -17,8 +17,8 @@ pub(crate) struct Streamed {
 ///
 /// # Errors
 ///
-/// `ValueError` if there is no method of this name, or if the method doesn't have one of the given settings. `spharm
-/// fit` refuses the same settings.
+/// `ValueError` if there is no method of this name, or if the method doesn't have one of the given settings. The
+/// command `spharm fit` rejects the same settings.
 pub(crate) fn method(name: &str, settings: Streamed) -> PyResult<Method> {
     let Streamed { passes, granularity, start_degree, accelerate } = settings;
     let method = match name {

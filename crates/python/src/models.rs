@@ -65,7 +65,7 @@ impl Model {
         run(py, Some(1), None, |_| Ok(self.inner.write_with(path, overwrite).map_err(Error::from)?))
     }
 
-    /// Expands the bytes of a compressed model; `name` is the file's name in error messages.
+    /// Expands the bytes of a compressed model. Error messages show `name` as the file's name.
     #[staticmethod]
     fn expand(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
         let inner = run(py, Some(1), None, move |_| match expand(bytes, &ExpandParams::default()) {
@@ -75,8 +75,8 @@ impl Model {
         Ok(Self { inner })
     }
 
-    /// Writes the model to a compressed file with a largest distance or a largest size. Returns the distance reached, a
-    /// relative length, and the highest degree of the file.
+    /// Writes the model to a compressed file, with either a limit on the distance from the model or a limit on the
+    /// file's size. Returns the distance reached, as a relative length, and the highest degree of the file.
     #[pyo3(signature = (path, *, tolerance, bytes, overwrite, threads = None))]
     fn compress(
         &self,

@@ -137,7 +137,7 @@ impl Modes {
         Ok((scores.into_pyarray(py), left))
     }
 
-    /// Returns generalisation and specificity of the first k modes, for each k up to m, (m) each.
+    /// Returns the generalisation and the specificity of the first k modes for each k up to m, as two arrays (m).
     #[pyo3(signature = (*, samples, seed, threads = None, progress = None))]
     fn quality<'py>(
         &self,

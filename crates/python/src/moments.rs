@@ -23,8 +23,8 @@ pub(crate) struct Moments {
 
 #[pymethods]
 impl Moments {
-    /// Computes the moments of samples in memory. These samples are the part `shard`, (index, number of parts), of all
-    /// samples.
+    /// Computes the moments of samples in memory. The samples may be one part of all samples: `shard` is the index of
+    /// this part and the number of parts.
     #[new]
     #[pyo3(signature = (directions, values, weights, max_degree, channels, *, whole, shard, threads = None, progress = None))]
     #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
@@ -73,13 +73,13 @@ impl Moments {
         Ok(PyBytes::new(py, &run(py, Some(1), None, |_| self.inner.to_bytes().map_err(Failure::Moments))?))
     }
 
-    /// Returns the sum of the moments of several parts. If `partial` is set, parts of the whole may be missing.
+    /// Returns the sum of the moments of several parts. If `partial` is set, some of the parts may be missing.
     #[staticmethod]
     #[pyo3(signature = (parts, *, partial = false))]
     fn merge(py: Python<'_>, parts: Vec<PyRef<'_, Self>>, partial: bool) -> PyResult<Self> {
         let names = (0..parts.len()).map(|number| format!("part {number}")).collect();
         let parts: Vec<&Inner> = parts.iter().map(|part| &part.inner).collect();
-        // Parts are cloned one after another, so at most two are in memory in addition to the caller's.
+        // Parts are cloned one after another, so at most two copies are in memory in addition to the caller's parts.
         let parts = parts.into_iter().cloned().map(Ok);
         Ok(Self {
             inner: run(py, Some(1), None, move |_| merge_named(parts, names, partial).map_err(Failure::Moments))?,

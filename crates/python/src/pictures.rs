@@ -13,8 +13,8 @@ use crate::run::run;
 /// Width and height in pixels that pictures may have.
 const SIZES: std::ops::RangeInclusive<usize> = 64..=4096;
 
-/// Draws a surface as a square PNG. Values at the vertices, (n), if there are any, are shown as colours, with a bar of
-/// the given limits and label.
+/// Draws a surface as a square PNG. If values at the vertices, (n), are given, they are shown as colours, with a colour
+/// bar that has the given limits and label.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, *, values, limits, label, caption, size, view))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]

@@ -71,8 +71,8 @@ struct Settings {
 
 type Ends = (Vec<f64>, Vec<f64>, Vec<f64>);
 type Apart = (f64, f64, Option<[f64; 2]>, Vec<f64>, Vec<Vec<f64>>);
-/// Quality of a group: total variance; variances of the modes; compactness, generalisation and specificity;
-/// generalisation and specificity measured between surfaces; errors of landmarks; warnings.
+/// Quality of a group as returned to Python: total variance; variances of the modes; compactness, generalisation and
+/// specificity; generalisation and specificity measured between surfaces; errors of landmarks; warnings.
 type Found = (f64, Vec<f64>, [Ends; 3], [Option<Ends>; 2], Option<Apart>, Vec<String>);
 
 /// Measures the quality of a group of corresponding surfaces.

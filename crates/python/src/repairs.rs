@@ -13,8 +13,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Changes to a mesh before it is mapped, as given in Python: whether to repair it, the largest share of its area that
-/// the repair may drop or add, the number of voxels of a wrap, and whether to cut handles.
+/// Changes to a mesh before it is mapped, as passed from Python: whether to repair the mesh, the largest fraction of
+/// its area that the repair may remove or add, the number of voxels of a wrap, and whether to cut handles.
 #[derive(Clone, Copy, FromPyObject)]
 pub(crate) struct Changes(bool, Option<f64>, Option<usize>, bool);
 
@@ -57,7 +57,8 @@ fn repair<'py>(
     Ok((vertices, faces, report.to_string(), repair.changes()))
 }
 
-/// Returns the report on the map of a surface, with its repair and the handles that were cut.
+/// Returns the report on the map of a surface. It includes the reports on the surface's repair and on the handles that
+/// were cut.
 pub(crate) fn map_report(mapped: &MappedSurface) -> Value {
     let mut report = json!(mapped.parametrized.map.report);
     if let Some(report) = report.as_object_mut() {

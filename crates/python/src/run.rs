@@ -19,9 +19,9 @@ use crate::errors::{Failure, exception};
 
 /// Interval at which the calling thread checks for signals and reports progress.
 const WAKE: Duration = Duration::from_millis(20);
-/// Time that cancelled work gets to stop, before the exception is raised without waiting any longer.
+/// Time within which cancelled work should stop. After this time, the exception is raised without waiting any longer.
 const GRACE: Duration = Duration::from_millis(100);
-/// Number of pools above which idle ones are dropped, before another pool is created.
+/// If at least this many pools exist, idle pools are dropped before another pool is created.
 const KEPT: usize = 16;
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -29,12 +29,12 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 /// Returns a pool of `threads` threads; by default, as many threads as the machine can run at the same time. Pools are
-/// kept for later calls. Calls at the same time share a pool of several threads. A pool of one thread serves one call
-/// at a time, because the calls would wait for each other.
+/// kept for later calls. Simultaneous calls share a pool of several threads. A pool of one thread serves only one call
+/// at a time, because further calls would have to wait for the first.
 ///
 /// rayon's global pool can't be used: after a fork, the pool's threads don't exist in the child process, so work on it
 /// would never end. Therefore each process creates its own pools. A child process leaks the pools of its parent,
-/// because dropping a pool waits for its threads.
+/// because dropping a pool would wait for the pool's threads, which don't exist in the child process.
 ///
 /// # Errors
 ///
@@ -52,7 +52,7 @@ pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     let (ours, others): (Pools, Pools) = std::mem::take(&mut *pools).into_iter().partition(|(of, ..)| *of == process);
     others.into_iter().for_each(std::mem::forget);
     *pools = ours;
-    // Pools are handed out under the lock, so an idle pool stays idle.
+    // Callers get pools only under this lock, so an idle pool stays idle while the lock is held.
     let idle = |pool: &Arc<rayon::ThreadPool>| Arc::strong_count(pool) == 1;
     if let Some((.., pool)) = pools.iter().find(|(_, count, pool)| *count == threads && (threads > 1 || idle(pool))) {
         return Ok(Arc::clone(pool));
@@ -79,7 +79,7 @@ struct Progress {
 #[derive(Default)]
 struct Watch {
     cancel: AtomicBool,
-    /// Stages that have begun since the last check; the last one is the current stage.
+    /// Stages that have begun since the last check. The last stage in the list is the current stage.
     stages: Mutex<VecDeque<Progress>>,
 }
 
@@ -100,8 +100,8 @@ impl Monitor for Watch {
 }
 
 impl Watch {
-    /// Returns the progress that hasn't been reported: the stages that have ended, which are removed, and the current
-    /// stage, if it has changed since `last`.
+    /// Returns the progress that hasn't been reported: the stages that have ended, and the current stage if it has
+    /// changed since `last`. Stages that have ended are removed from the list.
     fn news(&self, last: &mut Option<Progress>) -> Vec<Progress> {
         let mut stages = lock(&self.stages);
         let mut news: Vec<Progress> = Vec::new();
@@ -120,12 +120,12 @@ impl Watch {
 type Outcome<T> = Result<T, Failure>;
 
 /// Runs work on a pool of `threads` threads, and calls `progress(stage, done, total)` on the calling thread. If
-/// `progress` or a signal raises an exception, the work is cancelled, and the exception is raised when the work has
+/// `progress` or a signal raises an exception, the work is cancelled, and the exception is raised after the work has
 /// stopped.
 ///
 /// # Errors
 ///
-/// The error of the work, as an exception; the exception of `progress`; `KeyboardInterrupt`.
+/// The error of the work as an exception, an exception raised by `progress`, or `KeyboardInterrupt`.
 pub(crate) fn run<T: Send>(
     py: Python<'_>,
     threads: Option<usize>,
@@ -171,8 +171,9 @@ fn guarded<T: Send>(
     catch_unwind(AssertUnwindSafe(|| pool.install(|| work(monitor)))).unwrap_or(Err(Failure::Panic))
 }
 
-/// Waits for the result of the work. The interpreter is released while waiting, and held only for signals and progress.
-/// After the work has been cancelled, waits at most `grace`; without `grace`, until the work has stopped.
+/// Waits for the result of the work. The interpreter is released during the wait, and held only for signals and
+/// progress. After a cancellation, the function waits at most `grace`. Without `grace`, it waits until the work has
+/// stopped.
 fn wait<T: Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -235,7 +236,7 @@ impl Started {
     /// The exception raised by a signal, which also cancels the work.
     pub(crate) fn wait<T: Send>(&self, py: Python<'_>, receive: &Mutex<Receiver<T>>) -> PyResult<Option<T>> {
         loop {
-            // Discard the collected progress: there is no callback to report it to.
+            // Discard the collected progress, because no callback exists that could report it.
             lock(&self.0.stages).clear();
             match py.detach(|| lock(receive).recv_timeout(WAKE)) {
                 Ok(message) => return Ok(Some(message)),
@@ -245,7 +246,7 @@ impl Started {
         }
     }
 
-    /// Cancels the work, which then stops as soon as possible.
+    /// Cancels the work. The work stops as soon as possible.
     pub(crate) fn stop(&self) {
         self.0.cancel.store(true, Ordering::Relaxed);
     }

@@ -44,7 +44,7 @@ fn to_degree(model: &Model, degree: usize) -> Result<Coefficients, Failure> {
     Ok(Coefficients::new(own.up_to(degree).to_owned())?)
 }
 
-/// Returns the measures of a model's surface, such as area and volume, as JSON; and warnings.
+/// Returns the measures of a model's surface, such as area and volume, as JSON. Also returns warnings.
 #[pyfunction]
 #[pyo3(signature = (model, degree, *, tolerance, threads = None, progress = None))]
 fn shape_measure(
@@ -119,10 +119,10 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power, (L), and singular values, (L, c), of the coefficients of each degree from 1 on.
+/// Power, (L), and singular values, (L, c), of the coefficients of each degree from 1 to L.
 type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
-/// Returns the power and the singular values of the coefficients, for each degree from 1 on.
+/// Returns the power and the singular values of the coefficients for each degree from 1 to L.
 #[pyfunction]
 fn shape_describe<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Described<'py>> {
     let inner = &model.inner;
@@ -159,7 +159,7 @@ fn shape_match(
     })
 }
 
-/// Returns the root mean square distance between a model and its truncation to each degree from 0 on, (L + 1).
+/// Returns the root mean square distance between a model and its truncation to each degree from 0 to L, (L + 1).
 #[pyfunction]
 fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let coefficients = &model.inner.coefficients;

@@ -21,8 +21,8 @@ use crate::run::{run, run_owned};
 /// Measurements of a group, (n, V d); their number of components per vertex, d; the mean model; and warnings.
 type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 
-/// Measures the models of a group at directions. With `pairs`, returns the differences between the first half of the
-/// models and the second half.
+/// Measures the quantity `signal` (`normal`, `position` or `value`) of the models of a group at directions. If `pairs`
+/// is set, returns the differences between the first half of the models and the second half.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 #[pyo3(signature = (models, directions, degree, *, signal, pairs, threads = None, progress = None))]
@@ -72,21 +72,21 @@ impl Cells<'_> {
     }
 }
 
-/// Hypothesis to test: an effect of one column, the interaction of two columns, or a mean (no column), with
-/// covariates; or a design matrix. A contrast is given as weights or as text.
+/// Hypothesis to test. It is an effect of one column, the interaction of two columns, or a mean (no column), in each
+/// case with covariates. Alternatively, it is given by a design matrix. A contrast is given as weights or as text.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
     effect: Vec<(String, Cells<'py>)>,
     levels: Vec<String>,
     covariates: Vec<(String, Cells<'py>)>,
-    /// Names of interactions of covariates and columns of the effect, such as `age:sex`, to account for.
+    /// Names of additional interactions in the model, such as `age:sex`, between covariates and columns of the effect.
     interactions: Vec<String>,
     design: Option<PyReadonlyArray2<'py, f64>>,
     columns: Vec<String>,
     weights: Option<PyReadonlyArray2<'py, f64>>,
     contrast: Vec<String>,
-    /// Whether values are displacements from the mean, whose mean is zero.
+    /// Whether values are displacements from the mean. The mean of such values is zero.
     relative: bool,
 }
 
@@ -141,8 +141,8 @@ impl Asked<'_> {
     }
 }
 
-/// Settings of relabellings, and of statistics of regions on a surface of vertices (V, 3) and triangles, of which the
-/// values have those that `kept` (V) selects.
+/// Settings of relabellings and of statistics of regions. `surface` has the vertices (V, 3) and the triangles of the
+/// surface. `kept` (V) selects the vertices that have values.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Inference<'py> {
@@ -211,7 +211,7 @@ pub(crate) fn shape_test<'py>(
     let question = asked.question(values.nrows()).map_err(|failure| crate::errors::exception(py, failure))?;
     let (design, contrast) = (&question.design, &question.contrast);
     let found = run(py, threads, progress.as_ref(), |monitor| {
-        // The library accepts any level, because it uses the level only for warnings, so it is checked here.
+        // Check the level here, because the library uses the level only for warnings and accepts any level.
         if !(level > 0.0 && level < 1.0) {
             return Err(ShapeError::Share { what: "level", found: level }.into());
         }
@@ -219,7 +219,7 @@ pub(crate) fn shape_test<'py>(
     })?;
     let result = PyDict::new(py);
     let array = |values: Vec<f64>| -> Bound<'py, PyArray1<f64>> { values.into_pyarray(py) };
-    // With variances by group, these are Aspin and Welch's v and G.
+    // If variances are estimated by group, the statistics are Aspin and Welch's v and G.
     let [t, f] = if inference.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] };
     let (kind, freedom) = match found.kind {
         Statistic::T { freedom } => (t, vec![freedom]),
@@ -261,7 +261,7 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
-    // Omit the tested effect: its numbers aren't codes of levels, because the caller declared them to be quantities.
+    // Omit the tested effect, because the caller declared its numbers to be quantities, not codes of levels.
     let declared = match &asked.effect[..] {
         [(name, _)] => Some(name),
         _ => None,

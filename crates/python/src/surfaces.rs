@@ -48,8 +48,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns whether a file's name has the extension of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose
-/// extensions are common words, only `.pial` and `.white` count.
+/// Returns whether a file's name has the extension of a format for meshes or GIfTI. Of the extensions of FreeSurfer's
+/// surfaces, only `.pial` and `.white` are recognised, because the others are common words.
 #[pyfunction]
 fn is_mesh_name(path: PathBuf) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
@@ -69,14 +69,14 @@ fn stem(path: PathBuf) -> String {
 /// A surface as returned to Python: vertices, triangles, and the metadata of its file.
 pub(crate) type SurfaceOut<'py> = (PositionsOut<'py>, FacesOut<'py>, Option<Metadata>);
 
-/// Returns a mesh and its metadata; `path` is the file that it was read from.
+/// Returns a mesh and its metadata for Python. `path` is the file from which the mesh was read.
 pub(crate) fn surface_out<'py>(py: Python<'py>, mut mesh: Mesh, path: Option<&Path>) -> SurfaceOut<'py> {
     let metadata = Metadata::of(std::mem::take(&mut mesh.meta), path);
     let (vertices, faces) = mesh_arrays(py, mesh);
     (vertices, faces, metadata)
 }
 
-/// Reads a surface; with `gaps`, positions may be NaN or infinite.
+/// Reads a surface. If `gaps` is set, positions may be NaN or infinite.
 #[pyfunction]
 #[pyo3(signature = (path, *, gaps = false))]
 fn read_surface(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<SurfaceOut<'_>> {
@@ -100,7 +100,7 @@ fn write_surface(
     run(py, Some(1), None, move |_| Ok(write_mesh(path, &mesh, &WriteOptions { overwrite, double })?))
 }
 
-/// Reads a signal; with `gaps`, values may be NaN.
+/// Reads a signal. If `gaps` is set, values may be NaN.
 #[pyfunction]
 #[pyo3(signature = (path, *, gaps = false))]
 fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, PyArray2<f64>>> {
@@ -115,8 +115,8 @@ fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, 
 /// Values and distances of points.
 type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Returns the values at the points of a surface that are nearest to the given ones, linear within triangles, and the
-/// distances of these points from the surface.
+/// For each given point, finds the nearest point of a surface. Returns the surface's values at the nearest points,
+/// interpolated linearly within triangles, and the distances of the given points from the surface.
 #[pyfunction]
 fn values_at<'py>(
     py: Python<'py>,
@@ -167,7 +167,8 @@ fn write_values(
 
 #[pyfunction]
 fn icosphere(py: Python<'_>, level: u32) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    /// Highest level; its icosphere has 167,772,162 vertices. The command-line program has the same limit.
+    /// Highest level of subdivision. The icosphere of this level has 167,772,162 vertices. The command-line program has
+    /// the same limit.
     const FINEST: u32 = 12;
     if level > FINEST {
         return Err(PyValueError::new_err(format!("level: expected 0 to {FINEST}, found {level}")));
@@ -325,7 +326,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected {expected} vertices, as many as the surface has; found {found}")))
 }
 
-/// Compares two meshes whose vertices correspond. Returns msd, xsd and related figures, the vertex with the largest
+/// Compares two meshes whose vertices correspond. Returns msd, xsd and related numbers, the vertex with the largest
 /// distance, and the distance at each vertex.
 #[pyfunction]
 fn compare<'py>(
@@ -346,8 +347,8 @@ fn compare<'py>(
     Ok((figures, found.worst_vertex, each.into_pyarray(py)))
 }
 
-/// Measures the distance between two surfaces over their whole area. Returns the figures as JSON, and the distances of
-/// the second surface's vertices from the first surface.
+/// Measures the distance between two surfaces over their whole area. Returns the measured numbers as JSON, and the
+/// distances of the second surface's vertices from the first surface.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, others, other_faces, *, samples, mask = None, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]

@@ -10,12 +10,12 @@ use spharm_surface::{Hemisphere, Input, TargetWarning};
 use crate::errors::Failure;
 use crate::metadata::{Metadata, with_metadata};
 
-/// Applies a mask to the settings, if there is one.
+/// Applies a mask to the settings, if a mask is given.
 pub(crate) fn masked(params: FitParams, mask: Option<&[bool]>, sphere: &Sphere) -> Result<FitParams, Error> {
     mask.map_or(Ok(params.clone()), |keep| params.masked(keep, sphere))
 }
 
-/// With strict settings, refuses a doubtful sphere.
+/// Returns an error for a sphere with a warning if the settings are strict.
 pub(crate) fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
     match sphere.warnings.first().filter(|_| params.strict) {
         Some(warning) => Err(Failure::Argument(format!("the sphere: {warning}"))),
@@ -23,15 +23,15 @@ pub(crate) fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(),
     }
 }
 
-/// Returns the warnings of a target; with strict settings, refuses a target that has any. The warning that a surface
-/// isn't closed is left out, because its sphere has the same triangles and the same warning.
+/// Returns the warnings of a target. If the settings are strict, returns the first warning as an error. The warning
+/// that a surface isn't closed is omitted, because the surface's sphere has the same triangles and the same warning.
 pub(crate) fn doubts(target: &Target, params: &FitParams) -> Result<Vec<String>, Failure> {
     let warnings = target.warnings.iter().filter(|warning| !matches!(warning, TargetWarning::NotClosed(_)));
     named(target.path.as_deref(), warnings, params)
 }
 
-/// Returns the warning that a surface without a sphere and its mask belong to different hemispheres; with strict
-/// settings, refuses the mask.
+/// Returns the warning that a surface without a sphere and its mask belong to different hemispheres. If the settings
+/// are strict, returns this warning as an error.
 pub(crate) fn doubts_of_mask(
     metadata: Option<&Metadata>,
     mask: Option<&Path>,
@@ -43,7 +43,8 @@ pub(crate) fn doubts_of_mask(
     named(path, other.iter(), params)
 }
 
-/// Returns warnings with the name of the surface; with strict settings, refuses a surface that has any.
+/// Returns warnings that begin with the name of the surface. If the settings are strict, returns the first warning as
+/// an error.
 fn named<'a>(
     path: Option<&Path>,
     warnings: impl Iterator<Item = &'a TargetWarning>,
@@ -80,7 +81,8 @@ pub(crate) fn target(
     Ok(Target { kind, ..target })
 }
 
-/// Copies values on all threads of the current pool, because the system takes most of the time to provide new pages.
+/// Copies values on all threads of the current pool, because most of the time is spent by the system on providing new
+/// memory pages.
 fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
     const PART: usize = 1 << 16;
     let Some(values) = values.as_slice() else {

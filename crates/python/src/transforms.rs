@@ -23,7 +23,7 @@ pub(crate) struct Transform {
 type Values<'py> = Bound<'py, PyArray2<f64>>;
 
 impl Transform {
-    /// Runs a transform. It isn't interruptible, because it takes little time.
+    /// Runs a transform. The transform can't be interrupted, because it takes little time.
     fn call<'py>(
         &self,
         py: Python<'py>,
@@ -65,7 +65,7 @@ impl Transform {
         self.planned.transform().directions()
     }
 
-    /// Returns whether fits up to this degree use this plan.
+    /// Returns whether fits up to degree `max_degree` use this plan.
     fn serves(&self, max_degree: usize) -> bool {
         self.planned.serves(max_degree)
     }

@@ -27,7 +27,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns how a volume is read, given the numbers of its channel and its time.
+/// Returns the settings for reading a volume, given the numbers of the channel and the time point.
 pub(crate) fn reading((channel, time): (Option<usize>, Option<usize>), values: VoxelValues) -> VolumeReading {
     VolumeReading { values, image: ImageChoice { channel, time }, ..VolumeReading::default() }
 }
@@ -37,9 +37,9 @@ pub(crate) fn axes_of(name: &str) -> PyResult<AxisOrder> {
     AxisOrder::named(name).map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
-/// A volume: the path of a file, the voxel size that replaces the file's, the affine matrix if the file has no voxel
-/// size, and the order of its axes; or an array of labels or of other values, (i, j, k), with its affine matrix,
-/// (4, 4).
+/// A volume as passed from Python, either a file or an array. A file is given by its path, a voxel size that replaces
+/// the size in the file, an affine matrix if the file has no voxel size, and the order of its axes. An array (i, j, k)
+/// of labels or other values is given with its affine matrix (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
     File(PathBuf, Option<[f64; 3]>, Option<PyReadonlyArray2<'py, f64>>, String),
@@ -158,7 +158,7 @@ fn parametrize_volume<'py>(
 /// A mapped label: its surface and map, the details of its report, and the changes made to its surface.
 type MappedLabel = (Parametrization, Vec<(&'static str, Option<Value>)>, Vec<String>);
 
-/// Maps the surface around a label, whose handles are cut first.
+/// Maps the surface of a label to the sphere, after cutting the surface's handles.
 fn map_label(
     surface: VolumeSurface,
     cut_handles: bool,
@@ -196,14 +196,16 @@ impl Labels {
         Ok(Self { volume: Arc::new(volume) })
     }
 
-    /// Returns each label with its number of voxels, and whether it touches the border of the volume; with `fix`, only
-    /// the piece that a repair keeps counts for the chosen labels, by default all.
+    /// Returns each label with its number of voxels, and whether the label touches the border of the volume. If `fix`
+    /// is set, only the component that a repair keeps is checked for touching the border. `chosen` limits the effect of
+    /// `fix` to these labels; without `chosen`, `fix` applies to all labels.
     fn labels(&self, py: Python<'_>, fix: bool, chosen: Option<Vec<i64>>) -> PyResult<BTreeMap<i64, (usize, bool)>> {
         let volume = Arc::clone(&self.volume);
         let chosen: Option<HashSet<i64>> = chosen.map(|labels| labels.into_iter().collect());
         run_owned(py, Some(1), None, move |monitor| {
             let of = |(label, voxels): (i64, usize)| -> Result<_, Failure> {
-                // A repair takes long for a label that fills the volume.
+                // Repairs are limited to the chosen labels, because the repair of a label that fills the volume takes a
+                // long time.
                 let fixed = fix && chosen.as_ref().is_none_or(|chosen| chosen.contains(&label));
                 Ok((label, (voxels, volume.touches_border_if(label, fixed, monitor)?)))
             };
@@ -221,7 +223,7 @@ impl Labels {
         degree_of_labels(&voxels, self.volume.voxel_size()).degree()
     }
 
-    /// Maps a label; the warnings are those about the label alone.
+    /// Maps the surface of a label to the sphere. The returned warnings concern only this label.
     #[pyo3(signature = (
         label, *, label_surface, smooth_radius, fix, cut_handles, memory = None, threads = None, progress = None
     ))]
@@ -250,7 +252,7 @@ impl Labels {
     }
 }
 
-/// Returns the kind of surface for labels with this name, such as `smooth`, and a radius of smoothing.
+/// Returns the kind of label surface with the given name, such as `smooth`, and the given radius of smoothing.
 pub(crate) fn label_surface_of(py: Python<'_>, name: &str, radius: Option<f64>) -> PyResult<LabelSurface> {
     LabelSurface::named(name, radius).map_err(|error| exception(py, error.into()))
 }
@@ -261,7 +263,7 @@ pub(crate) fn label_surface_of(py: Python<'_>, name: &str, radius: Option<f64>) 
 fn labels(py: Python<'_>, volume: Volume<'_>, image: (Option<usize>, Option<usize>)) -> PyResult<BTreeMap<i64, usize>> {
     let reading = reading(image, VoxelValues::Labels);
     let read: Reader = match volume {
-        // The labels don't depend on the voxel size, so a file needn't have one.
+        // The labels don't depend on the voxel size, so files without a voxel size are accepted.
         Volume::File(path, ..) => Box::new(move |monitor| of_unit_voxels(&path, reading, monitor)),
         array => array.reader(reading)?,
     };

@@ -4,7 +4,8 @@ use spharm_surface::geometry::{Vec3, bounds};
 
 use crate::exponential::Columns;
 
-/// Maximum number of cells along an axis. With it, the table of each cell's first point takes at most 4 MB.
+/// Maximum number of cells along an axis. With this limit, the table of the first point of each cell takes at most 4
+/// MB.
 const MOST: f64 = 100.0;
 
 /// Points with normals, sorted by cell.

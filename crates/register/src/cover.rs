@@ -25,7 +25,7 @@ pub struct Cover {
 
 impl Cover {
     /// Measures the distances from points spread over the subject's area to the template, whose vertices are moved to
-    /// `vertices`. Distances above `reach` count as unreached.
+    /// `vertices`. Points whose distance is above `reach` are counted as unreached.
     #[must_use]
     pub fn measure(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Self {
         let tree = TriangleTree::new(&template.mesh.with_vertices(vertices.to_vec()));
@@ -56,9 +56,9 @@ pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -
     ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
-/// Returns whether each of the n vertices is free, so that the subject doesn't pull it. Free vertices are masked
-/// vertices, and vertices whose nearest point is farther than `reach` and on the border of an open surface, where the
-/// subject lacks the corresponding part.
+/// Returns whether each of the n vertices is free, so that the subject doesn't pull it. A masked vertex is free. A
+/// vertex is also free if its nearest point is farther than `reach` and on the border of an open surface, because the
+/// subject then lacks the corresponding part.
 pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let lacks = |point: &Vec3| {
         let found = subject.tree.nearest(*point);
@@ -67,8 +67,8 @@ pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, re
     vertices.par_iter().zip(&template.masked).map(|(point, masked)| *masked || lacks(point)).collect()
 }
 
-/// Returns whether each vertex, before its projection, has a counterpart on the subject. A vertex has one if it isn't
-/// free, and if its nearest point is within `reach` and not on the border of an open surface.
+/// Returns whether each vertex, before its projection, has a counterpart on the subject. A vertex has a counterpart if
+/// it isn't free, and if its nearest point is within `reach` and not on the border of an open surface.
 pub(crate) fn reached(free: &[bool], vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let reached = |(point, free): (&Vec3, &bool)| {
         let found = subject.tree.nearest(*point);

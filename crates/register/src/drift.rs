@@ -3,8 +3,8 @@
 //! displacement moves the centres towards the points assigned to them.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
-//! (2010), with a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) instead of its eigenvectors, and with
-//! responsibilities multiplied by `exp(kappa (n_x . n_y - 1))`:
+//! (2010). In contrast to the paper, a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) replaces the
+//! kernel's eigenvectors, and responsibilities are multiplied by `exp(kappa (n_x . n_y - 1))`:
 //!
 //! ```text
 //! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
@@ -44,13 +44,14 @@ const CUT_OFF: f64 = 5.0;
 const RUNS: usize = 16;
 /// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
-/// Sigma, relative to the sigma at the start, at which the pull along the surface is as strong as the pull across it.
+/// The pull along the surface is the pull across the surface times `(sigma / (ALONG sigma_0))^2`, but at most equal to
+/// it. sigma is the present width of the Gaussians, and sigma_0 their initial width.
 const ALONG: f64 = 2.0;
 /// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel takes over.
 const AGAIN: f64 = 1.3;
 
-/// Moves the template's vertices near the subject by all stages of the drift, and returns them. `free` (n) marks
-/// vertices that aren't pulled; they follow the other vertices.
+/// Moves the template's vertices close to the subject, in all stages of the drift, and returns the moved vertices.
+/// `free` (n) marks vertices that aren't pulled; they follow the other vertices.
 ///
 /// # Errors
 ///
@@ -189,8 +190,8 @@ fn expectation(
     let n = points.len();
     let length = targets.points.len().div_ceil(RUNS).max(1);
     let runs = targets.points.par_chunks(length).zip(targets.normals.par_chunks(length)).map(|(xs, ns)| {
-        // For each point in the order of the cells: the sum of responsibilities, then the sum of x weighted by
-        // responsibilities.
+        // For each template point, in the order of the cells: the sum of its responsibilities, then the sum of the
+        // subject's points x weighted by these responsibilities.
         let mut sums = vec![[0.0; 4]; kept.len()];
         let (mut squares, mut values, mut ranges) = (0.0, vec![0.0; kept.len()], Vec::new());
         for (x, normal) in xs.iter().zip(ns) {
@@ -229,8 +230,9 @@ fn expectation(
     found
 }
 
-/// Returns a replacement for `P x`: for each template point, its target times its share. The component of the pull
-/// along the surface is multiplied by `along`.
+/// Returns `P x`, the sums of the subject's points weighted by responsibilities, after weakening the pull along the
+/// surface. The pull on a template point is its row of `P x` minus the product of the point and its sum of
+/// responsibilities. The component of the pull along the surface is multiplied by `along`.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);

@@ -1,4 +1,4 @@
-//! Computes the exponentials for the pairs of one point with each of a range of points.
+//! Computes the exponentials of coherent point drift for one point paired with each point of a range.
 
 use multiversion::multiversion;
 

@@ -1,8 +1,8 @@
 //! Registers surfaces in space: moves a template mesh onto the surface of each subject of a group.
 //!
-//! The subject's surface is only searched for nearest points. It may therefore have handles, holes, several pieces, and
-//! triangles in any order. The template's triangles don't change, so all subjects get the same triangulation, and
-//! therefore the same sphere. Subject and template must be in the same pose.
+//! The subject's surface is only searched for nearest points. The surface may therefore have handles, holes, several
+//! pieces, and triangles in any order. The template's triangles don't change, so all subjects get the same
+//! triangulation, and therefore the same sphere. Subject and template must be in the same pose.
 //!
 //! # Steps
 //!
@@ -10,10 +10,10 @@
 //!    near the subject where the two differ after alignment.
 //! 2. Nearest points in both directions ([`snap`](mod@snap)), under a thin plate that becomes softer, bring the
 //!    template onto the surface.
-//! 3. The template's vertices are projected onto the surface. Around triangles that are turned over, they are moved
+//! 3. The template's vertices are projected onto the surface. Vertices around triangles that are turned over are moved
 //!    within the surface towards their neighbours ([`untangle`](mod@untangle)).
-//! 4. [`Cover`] gives the distance of the subject's surface from the registered template. [`Registered`] also tells
-//!    which vertices of the template have no counterpart on the subject.
+//! 4. [`Cover`] gives the distance of the subject's surface from the registered template. [`Registered`] also marks the
+//!    template's vertices that have no counterpart on the subject.
 //!
 //! # Modules
 //!

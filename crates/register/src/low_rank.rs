@@ -8,14 +8,14 @@
 use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, sub};
 
-/// A factor of the kernel. It has rows for the points, among which the pivots are chosen, and for further points, the
-/// places.
+/// A factor of the kernel. The factor has rows for the points, from which the pivots are chosen, and rows for further
+/// points, called places.
 pub struct LowRank {
     /// Number of columns, r.
     pub rank: usize,
-    /// Rows (n, r) at the points, in row-major order.
+    /// The factor's rows for the n points: an array (n, r) in row-major order.
     pub points: Vec<f64>,
-    /// Rows (m, r) at the places, in row-major order.
+    /// The factor's rows for the m places: an array (m, r) in row-major order.
     pub places: Vec<f64>,
 }
 

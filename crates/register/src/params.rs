@@ -7,21 +7,23 @@ pub struct DriftStage {
     pub width: f64,
     /// Weight of the displacements' energy, lambda, with the square root of the template's area as the unit of lengths.
     pub stiffness: f64,
-    /// Number of points on the template, and of points on the subject. It is limited to half the number of the
-    /// template's vertices.
+    /// Number of points that are spread over the template, and also over the subject. The number is limited to half the
+    /// number of the template's vertices.
     pub points: usize,
 }
 
 /// Settings of a registration. The unit of lengths is the square root of the template's area.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegisterParams {
-    /// Stages of the drift, the widest kernel first. Empty for surfaces that are already close.
+    /// Stages of the drift, the widest kernel first. The list is empty for surfaces that are already close.
     pub drift: Vec<DriftStage>,
-    /// Root mean square distance between template and subject, in both directions, below which vertices are only
-    /// projected, provided that no distance reaches `reach` and there are no landmarks. The drift would scatter points
-    /// along surfaces that coincide.
+    /// If the root mean square distance between template and subject, in both directions, is below this value, the
+    /// drift is skipped and vertices are only projected onto the subject. The reason is that the drift would scatter
+    /// points along surfaces that coincide. The drift isn't skipped if a distance reaches `reach` or landmarks are
+    /// given.
     pub near: f64,
-    /// Standard deviation of the distances at the start of the drift.
+    /// Initial sigma of the drift. Sigma is the standard deviation of the distances between corresponding points of
+    /// template and subject.
     pub sigma: f64,
     /// Weight of the normals in the drift's responsibilities, `exp(kappa (n_x . n_y - 1))`.
     pub kappa: f64,
@@ -29,16 +31,17 @@ pub struct RegisterParams {
     pub outliers: f64,
     /// Maximum number of iterations of a stage of the drift.
     pub drift_rounds: usize,
-    /// Relative change of sigma below which a stage of the drift ends.
+    /// A stage of the drift ends when sigma, the standard deviation of the distances, changes by less than this
+    /// fraction.
     pub drift_tolerance: f64,
     /// Weights of the thin plate's bending energy, one for each round of the closest-point iteration.
     pub stiffness: Vec<f64>,
-    /// Weight of the pairs that start from points of the subject. Pairs that start from vertices of the template have
-    /// weight 1.
+    /// Total weight of the pairs of a point of the subject and the nearest point of the template. The pairs of a vertex
+    /// of the template and the nearest point of the subject have the total weight 1.
     pub back: f64,
     /// Weight of distances along the surface, relative to distances across it.
     pub tangential: f64,
-    /// Length that counts as much as a unit difference of normals in the search for nearest points.
+    /// Distance that is equivalent to a unit difference of normals in the search for nearest points.
     pub normal: f64,
     /// Distance beyond which the weight of a pair of points decreases markedly.
     pub robust: f64,
@@ -47,13 +50,13 @@ pub struct RegisterParams {
     pub reach: f64,
     /// Weight of a landmark, relative to a single point during the drift, and to a single vertex afterwards.
     pub landmark: f64,
-    /// Maximum number of rounds that move vertices around turned triangles towards their neighbours.
+    /// Maximum number of rounds that move the vertices around turned-over triangles towards their neighbours.
     pub untangle_rounds: usize,
 }
 
 impl Default for RegisterParams {
     /// Returns the defaults. The widths and weights come from prototypes on vertebrae, hippocampi and cortices, and
-    /// aren't tuned to any one group.
+    /// aren't tuned to a particular group.
     fn default() -> Self {
         let stage = |width, stiffness, points| DriftStage { width, stiffness, points };
         Self {

@@ -7,7 +7,8 @@ use spharm_surface::geometry::Vec3;
 
 use crate::error::RegisterError;
 
-/// A sparse pattern: `columns` lists the columns of all rows, and `starts` has the index at which each row begins.
+/// The pattern of a sparse matrix: `columns` lists the column indices of the entries, row by row. `starts` has the
+/// index in `columns` at which each row begins.
 pub(crate) struct Rows {
     pub(crate) starts: Vec<u32>,
     pub(crate) columns: Vec<u32>,
@@ -38,13 +39,13 @@ pub struct Plate {
     pub(crate) rings: Rows,
     /// The triangles of each vertex.
     of_vertices: Rows,
-    /// Pattern of the symmetric matrix `L^T L`: pairs of vertices at most two edges apart.
+    /// Pattern of the symmetric matrix `L^T L` with the graph Laplacian L: pairs of vertices at most two edges apart.
     pattern: Rows,
     values: Vec<f64>,
     lower: SparsePattern,
 }
 
-/// A symmetric matrix with the pattern of a plate.
+/// A symmetric matrix with the sparsity pattern of a plate's bending energy.
 pub(crate) struct PlateMatrix<'a> {
     plate: &'a Plate,
     values: Vec<f64>,
@@ -59,8 +60,8 @@ impl Plate {
         let rings = Rows::from_pairs(edges.collect(), n);
         let corners = (0..).zip(faces).flat_map(|(index, face)| face.map(|v| (v, index)));
         let of_vertices = Rows::from_pairs(corners.collect(), n);
-        // L has -1 on its diagonal and 1 / degree at neighbours. An entry (v, w) of L^T L is a sum over the rows of L
-        // that have entries in both columns v and w.
+        // The row of a vertex in the Laplacian L has -1 on the diagonal, and 1 / k at each of the vertex's k
+        // neighbours. An entry (v, w) of L^T L is a sum over the rows of L that have entries in both columns v and w.
         let row = |v: usize| {
             let ring = rings.row(v);
             let weight = 1.0 / ring.len().max(1) as f64;
@@ -122,7 +123,8 @@ fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
 }
 
 impl PlateMatrix<'_> {
-    /// Adds a value to an entry. Its row and column must be the same vertex, or vertices of one triangle.
+    /// Adds a value to an entry. The row and the column of the entry must be the same vertex, or vertices of one
+    /// triangle.
     pub(crate) fn add(&mut self, row: u32, column: u32, value: f64) {
         if let Some(at) = place(&self.plate.pattern, row, column) {
             self.values[at] += value;

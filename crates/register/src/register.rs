@@ -18,7 +18,8 @@ use crate::untangle::untangle;
 pub struct Registered {
     /// The template's vertices (n), on the subject's surface.
     pub vertices: Vec<Vec3>,
-    /// Whether each of the n vertices has a counterpart on the subject. If it has none, its position is a guess.
+    /// Whether each of the n vertices has a counterpart on the subject. The position of a vertex without a counterpart
+    /// is a guess.
     pub reached: Vec<bool>,
     /// Distances of the subject's surface from the template.
     pub cover: Cover,

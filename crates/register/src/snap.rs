@@ -26,10 +26,11 @@ use crate::plate::{PlateFactor, PlateMatrix};
 use crate::subject::{PointTree, Subject};
 use crate::template::{Template, doubled_normal, length};
 
-/// Residual, relative to the right-hand side, at which the iteration ends.
+/// The iteration ends when the residual is at most this share of the right-hand side.
 const ACCURACY: f64 = 1e-2;
 const MOST_ITERATIONS: usize = 40;
-/// Number of points on the subject, per vertex of the template, among which each vertex finds its nearest point.
+/// The subject gets this number of points per vertex of the template. Each vertex of the template finds its nearest
+/// point among these points.
 const SOUGHT: usize = 4;
 /// Number of points on the subject, per vertex of the template, for which the nearest point of the template is found.
 const SEEKING: f64 = 1.5;
@@ -108,8 +109,8 @@ fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
 }
 
 /// Pairs each vertex with its nearest point of the subject, weighted by its share of the area. A vertex whose nearest
-/// point is on the border of an open surface gets no pair; otherwise the part of the template that the subject lacks
-/// would be squeezed into the border.
+/// point is on the border of an open surface gets no pair. Otherwise the vertices of a part that the subject lacks
+/// would all be pulled to the border.
 fn to_subject(
     template: &Template,
     vertices: &[Vec3],

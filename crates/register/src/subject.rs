@@ -12,7 +12,7 @@ use crate::error::RegisterError;
 pub struct Subject {
     pub(crate) mesh: Mesh,
     pub(crate) tree: TriangleTree,
-    /// Whether the edge opposite each corner belongs to no other triangle, for each of the m triangles.
+    /// For each corner of each of the m triangles, whether the edge opposite the corner belongs to no other triangle.
     pub(crate) open: Vec<[bool; 3]>,
 }
 
@@ -60,8 +60,8 @@ fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     open
 }
 
-/// A search tree over points and their normals. The normals are multiplied by a length, so that they compare with
-/// distances.
+/// A search tree over points and their normals. The normals are multiplied by a length, so that they are comparable
+/// with distances.
 pub(crate) struct PointTree {
     tree: ImmutableKdTree<f64, 6>,
     normal: f64,

@@ -14,7 +14,7 @@ use crate::plate::Plate;
 
 /// Largest number of columns of a kernel's factor.
 const RANK: usize = 200;
-/// Largest diagonal entry of the remainder at which the factorisation of a kernel ends.
+/// The factorisation of a kernel ends when no diagonal entry of the remainder exceeds this value.
 const LEFT: f64 = 1e-3;
 
 /// A mesh to be moved onto subjects, with the factors of its kernels and its thin plate.
@@ -22,7 +22,7 @@ pub struct Template {
     pub(crate) mesh: Mesh,
     /// Whether each of the n vertices is masked, because it has no counterpart on subjects.
     pub(crate) masked: Vec<bool>,
-    /// The square root of the area, which is the unit of lengths in [`RegisterParams`].
+    /// The square root of the template's area, which is the unit of lengths in [`RegisterParams`].
     pub(crate) scale: f64,
     pub(crate) plate: Plate,
     pub(crate) stages: Vec<Stage>,

@@ -118,7 +118,7 @@ fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     some.iter().zip(moved).for_each(|(v, to)| vertices[*v] = to);
 }
 
-/// Returns whether a triangle is turned over. A triangle with a free corner doesn't count as turned over.
+/// Returns whether a triangle is turned over. A triangle with a free corner isn't regarded as turned over.
 fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject) -> bool {
     if face.iter().any(|v| free[*v as usize]) {
         return false;

@@ -160,7 +160,7 @@ fn what_cant_be_registered_is_refused() {
 fn a_landmark_that_guides_is_where_it_is_said_to_be() {
     let template = with_bump(4, 0.0, 0.0);
     let subject = with_bump(5, 0.0, 0.3);
-    // A point on the flat bottom, whose position on the bottom the shape alone doesn't determine.
+    // The landmark is on the flat bottom. The shape alone doesn't determine the positions of points on the bottom.
     let place = Place::nearest(&template, &[[3.0, 1.0, -6.0]]).unwrap()[0];
     let guide = Guide { place, point: [5.0, -1.0, -6.0] };
     let (prepared, target) = (prepared(&template), Subject::new(&subject).unwrap());

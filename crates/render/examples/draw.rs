@@ -1,5 +1,5 @@
-//! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`.
-//! Without surfaces, draws two subjects of the generated study.
+//! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`. Without
+//! surfaces, draws variants 0 and 1 of the generated cortex.
 
 use std::error::Error;
 

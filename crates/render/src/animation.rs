@@ -32,8 +32,8 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
     Ok((0..meshes.len()).map(frame).collect())
 }
 
-/// Writes pictures of equal size as an animated GIF that repeats endlessly, atomically. Each picture is shown for
-/// `delay` hundredths of a second. The name must end in `.gif`.
+/// Writes pictures of equal size as an animated GIF that repeats endlessly. The file is written atomically. Each
+/// picture is shown for `delay` hundredths of a second. The name must end in `.gif`.
 ///
 /// # Errors
 ///

@@ -4,7 +4,7 @@ use crate::image::Image;
 use crate::text::{Label, draw_lines, lines_of, room, smallest_size, step};
 use crate::{INK, Paint, Panel, map_of};
 
-/// A colour bar over part of a panel's width, with the values at its ends beside it and its label beneath it.
+/// A colour bar that takes part of a panel's width. The values at its ends are next to it, and its label is beneath it.
 pub(crate) struct Bar {
     range: (f64, f64),
     /// Width of the panel in pixels.
@@ -43,7 +43,7 @@ impl Bar {
         };
         let (text, ends) = match length {
             Some(_) => (label.to_owned(), Some(ends)),
-            // The range comes first, because a long label loses its middle.
+            // The range precedes the label, because the middle of a long text is left out.
             None => (format!("{} to {} {label}", ends[0], ends[1]), None),
         };
         let label = lines_of(&text, size, width, dpi);

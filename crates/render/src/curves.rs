@@ -12,9 +12,9 @@ use crate::text::Label;
 pub struct Curve<'a> {
     /// Name of the curve in the legend.
     pub label: &'a str,
-    /// Values of the curve at 1 to m, (m).
+    /// Values of the curve at the integers 1 to m; an array of length m.
     pub values: &'a [f64],
-    /// Lower and upper bounds of the curve's band, (m) each, or empty.
+    /// Lower and upper bounds of the curve's band: two arrays of length m, or empty.
     pub band: [&'a [f64]; 2],
 }
 
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!((axes.top, axes.step), (10.0, 2.0));
         let at = |picture: &Image, x: f64, y: f64| picture.get(x as usize, y as usize);
         assert_eq!(at(&picture, axes.x(2.5), axes.y(5.0)), COLORS[0]);
-        // The first point is within the band but not on the curve, and the second outside both.
+        // The first point is within the band but not on the curve. The second point is outside of both.
         let [band, above] = [4.5, 7.5].map(|value| at(&picture, axes.x(2.6), axes.y(value)));
         assert!(band[0] < 230 && band[2] > band[0] && band != COLORS[0], "{band:?}");
         assert_eq!(above, [255; 3]);

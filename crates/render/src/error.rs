@@ -31,9 +31,9 @@ pub enum RenderError {
     /// A colour bar whose ends aren't finite.
     #[error("the range of a colour bar must be two finite numbers, found {low} and {high}")]
     Range {
-        /// Value at the lower end of the bar.
+        /// Value at the lower end of the colour bar.
         low: f64,
-        /// Value at the upper end of the bar.
+        /// Value at the upper end of the colour bar.
         high: f64,
     },
     /// The file of the picture can't be written.

@@ -82,8 +82,8 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
 /// Number of colours of a thumbnail.
 const THUMBNAIL_COLOURS: usize = 64;
 
-/// Writes a picture as a PNG file with 64 colours, atomically. The file is about a third as large as one written by
-/// [`write_png`]. The name must end in `.png`.
+/// Writes a picture as a PNG file with 64 colours, atomically. The file is about a third of the size of a file written
+/// by [`write_png`]. The name must end in `.png`.
 ///
 /// # Errors
 ///

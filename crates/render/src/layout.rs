@@ -1,7 +1,7 @@
 //! Computes the heights of panels and of the text beneath their meshes.
 //!
-//! In a picture with a resolution in dots per inch, text is at least 7 pt high on paper. If this takes more room, the
-//! panels become higher, so that the meshes keep their size.
+//! In a picture with a resolution in dots per inch, text is at least 7 pt high on paper. If the text takes more room,
+//! the panels become higher, so that the meshes keep their size.
 
 use crate::bar::Bar;
 use crate::text::{LINES, lines_of, smallest_size, step};
@@ -58,7 +58,7 @@ impl Layout {
     }
 }
 
-/// Returns the size of the captions' text. It grows with the panel, within legible limits.
+/// Returns the size of the captions' text. The size grows with the panel, within legible limits.
 fn type_size(width: usize, dpi: Option<u16>) -> f64 {
     (width as f64 / 24.0).clamp(11.0, 36.0).max(smallest_size(dpi))
 }

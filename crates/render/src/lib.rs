@@ -74,7 +74,7 @@ pub struct Panel<'a> {
     pub caption: &'a str,
     /// Colours of the mesh.
     pub paint: Paint<'a>,
-    /// Position of the camera for this panel; `None` for the position in [`Settings`].
+    /// Position of the camera for this panel. `None` means the position in [`Settings`].
     pub view: Option<View>,
     /// Contour of a map on the mesh, if any.
     pub contour: Option<Contour<'a>>,
@@ -83,7 +83,7 @@ pub struct Panel<'a> {
 /// Line on a mesh along which a map, linear on each triangle, has a given value.
 #[derive(Clone, Copy, Debug)]
 pub struct Contour<'a> {
-    /// Values of the map, one per vertex. The line has gaps in triangles with a NaN value.
+    /// Values of the map, one per vertex. The contour line has gaps in triangles with a NaN value.
     pub values: &'a [f64],
     /// Value of the map along the line.
     pub level: f64,
@@ -109,8 +109,8 @@ pub struct Settings {
     pub columns: usize,
     /// Position of the camera.
     pub view: View,
-    /// Whether all meshes are drawn at one scale around one centre, from all sides, so that they can be compared;
-    /// otherwise each mesh fills its panel.
+    /// Whether all meshes, in all views, are drawn at one scale around one centre, so that they can be compared.
+    /// Otherwise each mesh fills its panel.
     pub common_scale: bool,
     /// Lowest and highest corner of the box that each panel shows; by default the bounding box of the meshes.
     pub frame: Option<[[f64; 3]; 2]>,
@@ -145,10 +145,10 @@ impl Settings {
     /// Returns the number of bytes that [`render`] and [`encode_png`] use for `panels` panels with meshes of at most
     /// `vertices` vertices, including the picture.
     ///
-    /// The number is the sum of 3 bytes per pixel of the picture, 3 for its compressed copy, and 4 for this copy as
-    /// text in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light,
-    /// at twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh. With a resolution in
-    /// dots per inch, labels and captions are assumed to be of maximum length.
+    /// The number is a sum. Each pixel of the picture takes 3 bytes, 3 more in the compressed copy, and 4 more in this
+    /// copy as text in an SVG. Each pixel of one panel takes 80 bytes, because panels are drawn one after another, in
+    /// linear light, at twice the resolution and with their depth. Each vertex of a panel's mesh takes 128 bytes. With
+    /// a resolution in dots per inch, labels and captions are assumed to be of maximum length.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
@@ -185,7 +185,8 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
     // Panels often show one mesh from several sides, or several meshes from one side, so each mesh is considered only
-    // once, and panels with the same view share a camera. The view with the largest extent determines the scale of all.
+    // once, and panels with the same view share a camera. The view with the largest extent determines the scale of all
+    // views.
     let mut meshes: Vec<&Mesh> = Vec::new();
     for panel in panels {
         if !meshes.iter().any(|mesh| std::ptr::eq(*mesh, panel.mesh)) {

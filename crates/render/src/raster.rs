@@ -158,7 +158,8 @@ impl Line {
         let (along, across) = (off[1] - off[0], off[2] - off[0]);
         let gradient = [along * (c[1] - a[1]) - across * (b[1] - a[1]), across * (b[0] - a[0]) - along * (c[0] - a[0])];
         let most = half * gradient[0].hypot(gradient[1]) / cross(a, b, c).abs();
-        // A line that runs outside of the triangle, but nearer than its half width, still covers part of it.
+        // A contour that runs outside of the triangle, but nearer to it than half the line's width, still covers part
+        // of the triangle.
         let near = off.iter().any(|x| *x <= most) && off.iter().any(|x| *x >= -most);
         (most.is_finite() && most > 0.0 && near).then_some(Self { off, most })
     }
@@ -172,7 +173,7 @@ impl Line {
 /// Returns the columns in which a triangle may have samples in the row at height y. A narrow triangle covers only a
 /// few columns of its bounding box.
 fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize> {
-    /// Upper bound of the rounding error, in samples.
+    /// Upper bound of the rounding error of positions, in units of the distance between samples.
     const SLACK: f64 = 1e-3;
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for k in 0..3 {
@@ -181,7 +182,7 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
             continue;
         }
         let rise = q[1] - p[1];
-        // A nearly horizontal edge may cover its whole length within the row.
+        // A nearly horizontal edge may lie within the row along its entire length.
         let ends = if rise.abs() < 1.0 { [0.0, 1.0] } else { [((y - p[1]) / rise).clamp(0.0, 1.0); 2] };
         for x in ends.map(|t| p[0] + t * (q[0] - p[0])) {
             (low, high) = (low.min(x), high.max(x));

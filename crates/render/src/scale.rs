@@ -1,9 +1,9 @@
-//! Scales meshes to the size of others, and values to a range of colours.
+//! Scales meshes to the size of other meshes, and values to a range of colours.
 
 use spharm_surface::Mesh;
 
-/// Percentile of the absolute values whose double is the limit of the colour range. Without a limit, a few large values
-/// would take up most of the range.
+/// Percentile of the absolute values. The colour range extends at most to twice this percentile. Without a limit, a few
+/// large values would take up most of the range.
 const PERCENTILE: usize = 99;
 
 /// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as
@@ -35,14 +35,15 @@ pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     (-most, most)
 }
 
-/// Returns whether a map of this name holds p values or false-discovery rates, such as `p`, `q` or `p-fwe`.
+/// Returns whether a map with this name contains p values or false-discovery rates. Examples of such names are `p`, `q`
+/// and `p-fwe`.
 #[must_use]
 pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and the range from 0 to the largest of these numbers, or to 1 if that is larger.
-/// Significant values have the colours at the upper end of the scale.
+/// Returns -log10 of p values, and the range from 0 to the largest of these numbers, but at least to 1. Significant
+/// values have the colours at the upper end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();

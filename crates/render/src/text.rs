@@ -8,7 +8,8 @@ use crate::image::{Image, Text};
 const POINTS: f64 = 7.0;
 /// Maximum number of lines of a caption or label.
 pub(crate) const LINES: usize = 6;
-/// Fraction of a panel's width that text may take. SVG files may be shown in a font with wider letters.
+/// Fraction of a panel's width that text may take. The rest is a margin, because SVG files may be shown in a font with
+/// wider letters.
 const SHARE: f64 = 0.9;
 
 /// A line of text with a font and a size.
@@ -18,13 +19,14 @@ pub(crate) struct Label<'a> {
     font: Option<FontRef<'static>>,
 }
 
-/// Returns the font Ubuntu Light, which is part of a crate, so that no font has to be installed. If it couldn't be
-/// parsed, pictures would have no text.
+/// Returns the font Ubuntu Light, which is part of a crate, so that no font has to be installed. If the font couldn't
+/// be parsed, pictures would have no text.
 fn font() -> Option<FontRef<'static>> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok()
 }
 
-/// Returns the ratio of the em, SVG's font size, to the height of a line, which is the size of a [`Label`].
+/// Returns the ratio of the em to the height of a line. The em is SVG's font size, and the height of a line is the size
+/// of a [`Label`].
 fn em(font: &FontRef<'_>) -> f32 {
     font.units_per_em().unwrap_or(1000.0) / font.height_unscaled()
 }

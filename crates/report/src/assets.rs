@@ -16,7 +16,7 @@ pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
 /// The page's style sheets, concatenated.
 pub(crate) const STYLE: &str =
     concat!(include_str!("page.css"), include_str!("table.css"), include_str!("chart.css"), include_str!("check.css"));
-/// HTML elements of a view, which the script fills in.
+/// HTML elements of a view, to be filled in by the script.
 pub(crate) const VIEW: &str = include_str!("view.html");
 
 /// Returns the text of the page's script.

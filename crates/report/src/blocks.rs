@@ -39,8 +39,9 @@ impl Blocks {
         self.add("i16", 2, &bytes)
     }
 
-    /// Adds triangles, each as the differences between its vertices and those of the preceding triangle. Differences
-    /// compress well, because consecutive triangles in a file are mostly neighbours on the surface.
+    /// Adds triangles. Each triangle is stored as the differences between its vertex indices and those of the preceding
+    /// triangle. Differences compress well, because consecutive triangles in a file are mostly neighbours on the
+    /// surface.
     pub(crate) fn faces(&mut self, faces: &[[u32; 3]]) -> Block {
         let mut before = [0u32; 3];
         let mut bytes = Vec::with_capacity(12 * faces.len());

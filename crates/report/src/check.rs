@@ -33,7 +33,7 @@ pub struct CheckedSubject {
     pub cells: Vec<CheckedCell>,
     /// Picture of the surface as PNG, if any.
     pub picture: Option<Vec<u8>>,
-    /// Scale of the picture relative to the other pictures, if the scale is smaller.
+    /// Scale of the picture relative to the other pictures, if this picture has a smaller scale.
     pub scale: Option<f64>,
 }
 
@@ -88,7 +88,7 @@ pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
     ))
 }
 
-/// Returns the table row of a subject as HTML; `numeric` tells which columns contain numbers.
+/// Returns the table row of a subject as HTML; `numeric` states which columns contain numbers.
 fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     let CheckedSubject { id, state, flags, cells, picture, .. } = subject;
     let id = match picture {
@@ -118,7 +118,8 @@ fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     )
 }
 
-/// Number of reasons that are shown at once if there are at least two more; the further ones unfold on request.
+/// Number of reasons that are shown initially if there are at least two more reasons. The other reasons unfold on
+/// request.
 const SHOWN: usize = 3;
 
 /// Returns the reasons for flags as HTML, one per line.

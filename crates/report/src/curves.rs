@@ -68,7 +68,7 @@ pub(crate) fn convergence(entry: &Value) -> Option<String> {
         Line { class, name: name.to_owned(), points, ..Line::default() }
     };
     let lines = vec![line("x", "mean", "msd"), line("y", "largest", "xsd")];
-    let y = "squared distance, bounding box of volume 1";
+    let y = "squared distance, bounding box scaled to volume 1";
     Chart { title: "Convergence", x: "pass", y, lines, scale: Scale::Logarithmic, marks: passes.len() <= 40 }.html()
 }
 

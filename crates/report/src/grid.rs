@@ -16,8 +16,8 @@ const COARSEST: u32 = 4;
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Grid {
     vertices: usize,
-    /// Number of subdivisions of the icosphere with the same triangles, if any. Its directions are used unless
-    /// `directions` is set.
+    /// Number of subdivisions of the icosphere with the same triangles, if any. The directions of this icosphere are
+    /// used unless `directions` is set.
     icosphere: Option<u32>,
     directions: Option<Block>,
     faces: Option<Block>,
@@ -50,8 +50,8 @@ fn count(level: u32) -> usize {
     10 * (1 << (2 * level)) + 2
 }
 
-/// Returns the icosphere at which models of a degree are evaluated. It has at least four vertices per coefficient of
-/// a channel, unless `max_vertices` limits the number.
+/// Returns the icosphere at which models of a degree are evaluated. The icosphere has at least four vertices per
+/// coefficient of a channel, unless `max_vertices` limits the number.
 pub(crate) fn icosphere_for(max_degree: usize, max_vertices: usize) -> Sphere {
     Sphere::icosphere(level_for(max_degree, max_vertices))
 }

@@ -50,7 +50,8 @@ impl MapsItem {
         }
         // The picture uses the same ranges of colours as the script.
         let has = |name: &str| test.maps.iter().any(|(other, _)| other == name);
-        // A statistic and a size have signs only if there is one effect, unlike those of F tests and of positions.
+        // A statistic and an effect size have signs only if the test has a single effect. Those of F tests and of tests
+        // of positions have no sign.
         let has_sign = |name: &str| has("effect") && ["effect", "statistic", "size"].contains(&name);
         let range = |name: &str, values: &[f64]| if has_sign(name) { symmetric(values) } else { range(values) };
         let shown = ["effect", "statistic", if has("p-tfce") { "p-tfce" } else { "p-fwe" }];
@@ -115,7 +116,8 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     rows
 }
 
-/// Returns what a map of `spharm shape test` shows; `None` for other maps, and for those whose names say it.
+/// Returns an explanation of a map of `spharm shape test`; `None` for other maps, and for maps with self-explanatory
+/// names.
 fn explained(name: &str) -> Option<&'static str> {
     Some(match name {
         "p" => "uncorrected p value",

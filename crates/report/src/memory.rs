@@ -6,17 +6,18 @@ use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
 /// Number of bytes per vertex of a mesh in the page: evaluated positions and triangles, their binary form, and their
-/// text, which takes twice its size while it grows. The measured memory was 270 bytes per vertex for a model of 40,962
-/// vertices, and 270 for its surface.
+/// text. The text takes twice its size while it grows. The measured memory was 270 bytes per vertex for a model of
+/// 40,962 vertices, and 270 for its surface.
 const BYTES_PER_VERTEX: u64 = 320;
-/// Number of bytes per vertex of the search tree for distances from a surface with other triangles. Only one tree
-/// exists at a time.
+/// Number of bytes per vertex of the search tree of a surface. A tree is built if the model is compared with a surface
+/// whose triangles differ from the model's. Only one tree exists at a time.
 const TREE: u64 = 520;
 /// Number of bytes that every page needs, including a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {
-    /// Returns the approximate maximum number of bytes for creating the page, including the page but not its contents.
+    /// Returns the approximate maximum number of bytes for creating the page. The bytes of the page are included, those
+    /// of `self` aren't.
     #[must_use]
     pub fn bytes(&self, params: Params) -> u64 {
         let most = params.max_vertices;
@@ -37,8 +38,8 @@ impl Contents {
         self.tests.iter().for_each(|test| add(test.mesh.vertices.len() * (1 + test.maps.len() / 8)));
         let pictures =
             self.check.iter().flat_map(|check| &check.subjects).filter_map(|subject| subject.picture.as_ref());
-        // During the creation of its section, a picture exists up to three times as text of 4/3 of its size, in
-        // strings with up to twice the capacity.
+        // While its section is created, a picture exists as up to three copies in base64. Each copy takes 4/3 of the
+        // picture's size, in a string whose capacity is up to twice its length.
         let pictures = 8 * pictures.map(|png| png.len() as u64).sum::<u64>();
         let meshes = BYTES_PER_VERTEX.saturating_mul(all).saturating_add(TREE.saturating_mul(largest));
         meshes.saturating_add(pictures).saturating_add(FIXED)

@@ -35,7 +35,8 @@ enum Reference {
     /// steps.
     Vertices { name: String, offsets: Block, step: f64 },
     /// A surface with other triangles, with the distance of each vertex of the model at its highest degree from the
-    /// nearest point of the surface. The distance is NaN for vertices without a counterpart on the surface.
+    /// nearest point of the surface. The distance is NaN for vertices that were added to close cut handles, because the
+    /// surface has nothing there.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
@@ -132,8 +133,8 @@ fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     }
 }
 
-/// Returns the offsets of the surface from the model in steps, and the step, chosen such that the largest offset is
-/// the maximum of i16.
+/// Returns the offsets of the surface from the model in steps, and the size of a step. The step is chosen such that the
+/// largest offset is the maximum of i16.
 fn offsets(surface: &[[f64; 3]], model: &[[f64; 3]]) -> (Vec<i16>, f64) {
     let apart: Vec<f64> =
         surface.as_flattened().iter().zip(model.as_flattened()).map(|(surface, model)| surface - model).collect();

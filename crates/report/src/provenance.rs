@@ -33,8 +33,8 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
         add("Basis", Some(set.dtype.clone()));
     }
     if let Some(distances) = &made.distances {
-        add("Mean squared distance, bounding box of volume 1", distances.msd.map(number));
-        add("Largest squared distance, bounding box of volume 1", distances.xsd.map(number));
+        add("Mean squared distance, bounding box scaled to volume 1", distances.msd.map(number));
+        add("Largest squared distance, bounding box scaled to volume 1", distances.xsd.map(number));
         add("Rms distance of corresponding points", Some(number(distances.rms())));
         add("Largest distance of corresponding points", Some(number(distances.max())));
     }

@@ -9,8 +9,8 @@ use crate::contents::Quality;
 use crate::table::Table;
 use crate::text::number;
 
-/// Classes in the style sheet for the two lines of each alignment, measured by distances at points and by distances
-/// between surfaces.
+/// Classes in the style sheet for the two lines of each alignment. The first line shows distances at points, the second
+/// line distances between surfaces.
 const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
 /// Numbers of modes for which the table has columns.
 const SHOWN: [usize; 2] = [1, 3];
@@ -39,8 +39,8 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     ))
 }
 
-/// Returns a chart of a measure by the number of modes, for all alignments. It includes the values measured by
-/// distances between surfaces, if any.
+/// Returns a chart of a measure against the number of modes, with a curve for each alignment. If the measure was also
+/// computed from distances between surfaces, the chart includes these values.
 fn chart(
     measured: &[Quality],
     title: &str,
@@ -52,7 +52,8 @@ fn chart(
         let (points, surfaces) = of(quality);
         lines.push(line(class, quality.name.clone(), points));
         if let Some(surfaces) = surfaces {
-            // This line has no band, because the band would overlap the band of the line measured at points.
+            // The line measured between surfaces has no band, because its band would overlap the band of the line
+            // measured at points.
             let name = format!("{}, between surfaces", quality.name);
             lines.push(Line { band: Vec::new(), ..line(beside, name, surfaces) });
         }

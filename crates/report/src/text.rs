@@ -21,13 +21,14 @@ pub(crate) fn escape(text: &str) -> String {
     escaped
 }
 
-/// Returns escaped text with isolated writing direction, so that a right-to-left name doesn't affect the text after it.
+/// Returns escaped text with isolated writing direction, so that a right-to-left name doesn't affect the text that
+/// follows.
 pub(crate) fn name(text: &str) -> String {
     format!("<bdi>{}</bdi>", escape(text))
 }
 
-/// Returns JSON for a `<script>` element. It contains no `<`, `>` or `&`, so that it can't end the element or begin a
-/// comment, and no line separators.
+/// Returns JSON for a `<script>` element. The JSON contains no `<`, `>` or `&`, so that it can't end the element or
+/// begin a comment. It contains no line separators.
 pub(crate) fn json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     let mut escaped = String::new();
     for character in serde_json::to_string(value)?.chars() {

@@ -1,7 +1,8 @@
-//! Refines the correspondence of a group whose coefficients are in a `.npy` file of f64, (N, K, 3 + c).
+//! Refines the correspondence of a group. The group's coefficients are read from a `.npy` file of f64 with shape (N, K,
+//! 3 + c).
 //!
-//! Writes the images of an icosphere's directions under each member's map, (N, n, 3), and prints the report of each
-//! stage.
+//! Writes an array of shape (N, n, 3): the images of an icosphere's n directions under the map of each of the N
+//! members. Prints the report of each stage.
 
 use std::time::Instant;
 

@@ -1,9 +1,9 @@
 //! Rotates and aligns arrays of coefficients, and measures the time. `benches/shape.py` runs this program and
 //! compares it with other programs on the same arrays.
 //!
-//! Arrays are `.npy` files of f64: coefficients of one surface, (K, 3), or of n surfaces, (n, K, 3), and a rotation,
-//! (3, 3). Each command prints JSON with the CPU seconds and the elapsed seconds of each repetition or pair, and
-//! writes its results for verification.
+//! Arrays are `.npy` files of f64. Coefficients have the shape (K, 3) for one surface and (n, K, 3) for n surfaces. A
+//! rotation has the shape (3, 3). Each command prints JSON with the CPU seconds and the elapsed seconds of each
+//! repetition or pair, and writes its results for verification.
 
 use std::path::Path;
 use std::time::Instant;
@@ -96,8 +96,8 @@ impl Times {
     }
 }
 
-/// Returns the CPU time of all threads of this process, in seconds. Other programs on the machine affect it less than
-/// elapsed time.
+/// Returns the CPU time of all threads of this process, in seconds. Other programs on the machine affect the CPU time
+/// less than the elapsed time.
 fn cpu_seconds() -> f64 {
     let now = clock_gettime(ClockId::ProcessCPUTime);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9

@@ -1,20 +1,21 @@
 //! Aligns one surface to another.
 //!
 //! Rotates the moving surface f in its parameters and in space, translates it, and scales it if requested, so that the
-//! root mean square distance over the sphere ([`rmsd`]) between f and the target g is smallest. By default the
-//! rotations of the parameters and of space are searched together (P. Kostelec and D. Rockmore 2008 for the grid, W.
-//! Kabsch 1976 inside it):
+//! root mean square distance over the sphere ([`rmsd`]) between f and the target g is smallest. By default the rotation
+//! of the parameters and the rotation of space are searched together. The search uses the grid of P. Kostelec and D.
+//! Rockmore (2008), and the method of W. Kabsch (1976) at each grid point:
 //!
 //! ```text
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
 //! R is the rotation of the parameters, and Q is the rotation of space. The best Q for a given R has a closed form, so
-//! a search over a grid of R finds both rotations. Newton's method then refines the best local maxima of the grid, and
-//! the four rotations that align the axes of the first-order ellipsoids, to an accuracy of 1e-13. No initial alignment
-//! is needed and the result doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth, the
-//! refinement all degrees. With bandwidth 8 and 6 starts, the search found the best known optimum for all of 30 random
-//! pairs of hippocampi at degree 12; for these pairs, bandwidth 5 and 3 starts were enough.
+//! a search over a grid of R finds both rotations. Newton's method then refines two sets of rotations to an accuracy of
+//! 1e-13: the best local maxima of the grid, and the four rotations that align the axes of the first-order ellipsoids.
+//! No initial alignment is needed and the result doesn't depend on the surfaces' poses. The grid uses only the degrees
+//! below its bandwidth. The refinement uses all degrees. With bandwidth 8 and 6 starts, the search found the best known
+//! optimum for all of 30 random pairs of hippocampi at degree 12; for these pairs, bandwidth 5 and 3 starts were
+//! enough.
 //!
 //! Mirror images are matched only if `mirror` is set.
 //!
@@ -62,9 +63,9 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// If the distance at equal directions is less than this multiple of the distance between the surfaces, equal
-/// directions may correspond. A joint search of both rotations is then tried: it uses the coefficients instead of
-/// sampled points, and determines the pose to rounding error.
+/// Maximum ratio of the distance at equal directions to the distance between the surfaces. Above this ratio, equal
+/// directions don't correspond. Below it, a joint search of both rotations is tried. The joint search uses the
+/// coefficients instead of sampled points, and determines the pose to rounding error.
 const NEAR: f64 = 2.0;
 
 /// Transform, distances and warnings of an alignment.
@@ -78,10 +79,10 @@ pub struct AlignReport {
     pub rmsd_before: f64,
     /// Root mean square distance after the alignment, in the surfaces' unit.
     pub rmsd_after: f64,
-    /// Root mean square distance reached from each start of the refinement, without scaling: first from the starts that
-    /// the grid gave, in order of decreasing score, then from the four rotations that align the axes of the ellipsoids.
-    /// Above degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search give a
-    /// single value.
+    /// Root mean square distance reached from each start of the refinement, without scaling. Distances for the starts
+    /// from the grid come first, in order of decreasing score. Distances for the four rotations that align the axes of
+    /// the ellipsoids follow. Above degree 40, starts that reach the same pose at degree 20 are listed once. The list
+    /// has a single value for methods without a search.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
@@ -176,7 +177,8 @@ pub fn align(
         }
     };
     warnings.extend(undetermined(&fit, f.norm.min(g.norm), params));
-    // Without scaling, 4 pi times the squared distance is (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2.
+    // Without scaling, 4 pi times the squared distance between the aligned surface Q f and the target g is
+    // (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2.
     let left = |end: f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     // The best scale is |g|/|f| times the cosine of the angle between f and g.
     let cosine = 1.0 - fit.distance * fit.distance / 2.0;
@@ -244,8 +246,8 @@ pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option
     }
 }
 
-/// Returns the fit that aligns the frames of the two first-order ellipsoids by the best pair of half turns, and the
-/// smaller of the two ellipsoids' axis ratios ([`EllipsoidFrame::ratio`]).
+/// Aligns the frames of the two first-order ellipsoids by the best pair of half turns. Returns the fit, and the smaller
+/// of the two ellipsoids' axis ratios ([`EllipsoidFrame::ratio`]).
 fn by_ellipsoids(
     moving: &Coefficients,
     target: &Coefficients,

@@ -1,7 +1,7 @@
 //! Groups models by their shapes: hierarchical clustering with Ward's linkage.
 //!
-//! Ward's linkage, computed by the crate kodama, repeatedly merges the two clusters whose merger adds least to the
-//! sum of squared distances from the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective
+//! Ward's linkage is computed by the crate kodama. It repeatedly merges the two clusters whose merger increases the sum
+//! of squared distances from the clusters' means the least (J. H. Ward, "Hierarchical grouping to optimize an objective
 //! function", JASA 58, 1963). The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw,
 //! "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
 //!
@@ -19,8 +19,8 @@ pub struct Clusters {
     /// Cluster of each model, counted from 0. Clusters are in order of decreasing size, and clusters of equal size in
     /// the order of their first models.
     pub of: Vec<usize>,
-    /// Silhouette of each model, -1 to 1: 1 if the model's own cluster is much nearer than the next one, 0 if both
-    /// are equally near, and 0 in a cluster of one model.
+    /// Silhouette of each model, from -1 to 1. It is near 1 if the model's own cluster is much nearer than the nearest
+    /// other cluster, and 0 if both are equally near. A model that is alone in its cluster has silhouette 0.
     pub silhouettes: Vec<f64>,
     /// Most typical model of each cluster: the model with the smallest sum of squared distances from the other models
     /// in the cluster.
@@ -53,8 +53,8 @@ impl PairDistances {
         if first == second { 0.0 } else { self.values[first * (2 * self.count - first - 1) / 2 + second - first - 1] }
     }
 
-    /// Groups the models into `clusters` clusters; if `None`, into the number of clusters from 2 to 10 with the
-    /// largest mean silhouette.
+    /// Groups the models into `clusters` clusters. If `clusters` is `None`, the number of clusters is the number from 2
+    /// to 10 with the largest mean silhouette.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ impl PairDistances {
 
 /// Cuts a tree of mergers into `clusters` clusters by undoing the last mergers, and returns the cluster of each model.
 fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usize> {
-    // Nodes below `count` are the models; the others are the mergers, in order.
+    // Nodes with an index below `count` are the models. The other nodes are the mergers, in order.
     let mut parents: Vec<usize> = (0..2 * count).collect();
     for (step, merger) in tree.steps().iter().enumerate().take(count - clusters) {
         parents[merger.cluster1] = count + step;

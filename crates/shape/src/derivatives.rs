@@ -40,8 +40,8 @@ pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Arra
     Ok(out)
 }
 
-/// Returns the coefficients of `L_x f`, `L_y f` and `L_z f` for C functions f. Each of the `(L + 1)^2` rows of
-/// `values` holds one coefficient of every function.
+/// Returns the coefficients of the derivatives `L_x f`, `L_y f` and `L_z f` of C functions f under rotations about the
+/// axes. Each of the `(L + 1)^2` rows of `values` holds one coefficient of every function.
 pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>; 3] {
     let mut out = [(); 3].map(|()| vec![[0.0; C]; values.len()]);
     let [x, y, z] = &mut out;

@@ -8,19 +8,21 @@
 //!
 //! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, and a rotation of the surface
 //! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
-//! either, so the descriptors can't detect it (M. Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant
-//! spherical harmonic representation of 3D shape descriptors", SGP 2003, on the power; the singular values also
-//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation: for
-//! comparisons, map surfaces with equal areas (`area` 0), because other maps also depend on the triangles. Degree 0,
-//! which is the position, is excluded.
+//! either, so the descriptors can't detect it. The power was introduced by M. Kazhdan, T. Funkhouser and S.
+//! Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003. The singular
+//! values also describe how a degree is distributed over the axes. The descriptors depend on the parameterisation. For
+//! comparisons, map surfaces with equal areas (`area` 0), because other maps also depend on the triangles of the input
+//! mesh. Degree 0, which is the position, is excluded.
 //!
-//! `Model.spectrum` of Python is the sum of the squares of the coefficients of the degrees 0 to L: 4 pi P_l.
+//! For each degree from 0 to L, `Model.spectrum` of Python is the sum of the squares of the degree's coefficients, 4 pi
+//! P_l.
 //!
-//! The distance between the singular values of two surfaces never exceeds the root mean square distance between their
-//! points at equal directions, however the surfaces are rotated, mirrored and moved and their spheres rotated
-//! (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A - B|^2`, for each degree). Retrieval by
-//! this distance is therefore exact; see [`retrieval`](crate::retrieval). It isn't a bound of the distance between the
-//! surfaces themselves: models of one surface over two maps differ.
+//! The distance between the singular values of two surfaces never exceeds the root mean square distance between the
+//! surfaces' points at equal directions. This bound holds for any rotation, reflection and translation of the surfaces,
+//! and for any rotation of their spheres. It follows from L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) -
+//! sigma_i(B))^2 <= |A - B|^2`, for each degree. Retrieval by the distance between singular values is therefore exact;
+//! see [`retrieval`](crate::retrieval). The distance between singular values isn't a bound of the distance between the
+//! surfaces themselves: two models of the same surface differ if the surface was mapped to the sphere in two ways.
 //!
 //! Cost: about 100 flops per coefficient.
 

@@ -39,7 +39,7 @@ pub enum ShapeError {
         /// Number of the group, from 1.
         group: usize,
     },
-    /// A variance group in which the design leaves no errors, so that its variance can't be estimated.
+    /// A variance group whose variance can't be estimated, because the design fits all of the group's rows exactly.
     #[error(
         "variance group {group} (in order of occurrence) has {subjects} rows, but the design leaves no errors in these \
          rows to estimate a variance from; join this group with another group, or leave out columns of the design"
@@ -141,7 +141,8 @@ pub enum ShapeError {
     /// A contrast tests a mean, but the values are relative to the mean of all subjects.
     #[error(
         "contrast {tested:?} tests a mean, but the values are differences from the mean of all subjects; test a \
-         difference, whose weights add up to zero, or test differences from other models"
+         difference, whose weights add up to zero, or give two \
+         models of each subject and test the differences between them"
     )]
     MeanOfDisplacements {
         /// Name of the contrast.
@@ -263,7 +264,7 @@ pub enum ShapeError {
          coefficients overflow or underflow; scale the surface to another unit"
     )]
     Range {
-        /// Largest absolute value of the coefficients without row 0, or their norm.
+        /// Largest absolute value, or the norm, of the coefficients without row 0.
         largest: f64,
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.

@@ -31,7 +31,7 @@ impl Evaluated {
     }
 
     /// Returns the surface with the coefficients `coefficients` (K, 3), or `None` if it is a point or a line. The
-    /// degree must be at least the evaluator's; higher degrees are ignored.
+    /// degree of the coefficients must be at least the evaluator's degree. Higher degrees are ignored.
     pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
         let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
         let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();

@@ -1,7 +1,7 @@
 //! Relocates directions so that a surface's vertices are spread evenly over its area.
 //!
-//! An icosphere's vertices are evenly spread on the sphere; on the surface they are sparse in regions with a large
-//! area element `|N|` ([`geometry`](crate::geometry)). J. Moser's flow ("On the volume elements on a manifold",
+//! An icosphere's vertices are spread evenly on the sphere. Mapped to the surface, they are sparse in regions with a
+//! large area element `|N|` ([`geometry`](crate::geometry)). J. Moser's flow ("On the volume elements on a manifold",
 //! Trans. Amer. Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990))
 //! transports the uniform density 1 to the density `rho = |N| / mean`, without a search:
 //!
@@ -11,9 +11,9 @@
 //!
 //! This velocity satisfies the continuity equation, `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l /
 //! (l (l + 1))` and `-grad psi = u x L psi`, so a step needs only a synthesis. The density is expanded to degree 2L and
-//! at least 16, but no further than the mesh can resolve, and smoothed by a heat kernel that damps its highest degree
-//! to 5 %, so that truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. The flow is integrated by
-//! fourth-order Runge-Kutta steps.
+//! at least 16, but no further than the mesh can resolve. A heat kernel smooths the density and damps its highest
+//! degree to 5 %, so that truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. The flow is
+//! integrated by fourth-order Runge-Kutta steps.
 //!
 //! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
 //! as many rings as the density's degree.
@@ -50,8 +50,8 @@ pub struct EvenSphere {
     pub before: f64,
     /// Standard deviation of the surface's triangle areas divided by their mean, after the relocation.
     pub after: f64,
-    /// Number of triangles that the relocation inverted, so that the surface is folded there; 0 unless the mesh is too
-    /// coarse for the variation of the area element.
+    /// Number of triangles that the relocation inverted. The surface is folded at these triangles. The number is 0
+    /// unless the mesh is too coarse for the variation of the area element.
     pub folded: usize,
 }
 
@@ -111,7 +111,8 @@ pub fn area_spread(mesh: &Mesh) -> f64 {
     if mean > 0.0 { variance.sqrt() / mean } else { 0.0 }
 }
 
-/// Coefficients of the density and of `L_k psi`, side by side.
+/// Coefficients of the density rho and of the three derivatives `L_k psi` of its potential (see the module), side by
+/// side.
 struct Flow(Array2<f64>);
 
 impl Flow {

@@ -2,11 +2,12 @@
 //!
 //! The method is described by C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D
 //! shape description", Computer Vision and Image Understanding 61 (1995). The rows of degree 1 define a linear map from
-//! directions to space, `F = U S V^T`, whose image is an ellipsoid. Rotating the parameters by `R = V^T` and space by
-//! `Q = U^T` makes the map diagonal: x becomes the longest axis of the ellipsoid and z the shortest, both in space and
-//! in the parameters. R and Q are rotations; if F mirrors, the third diagonal element is negative.
+//! directions to space, `F = U S V^T`, which maps the sphere to an ellipsoid. Rotating the parameters by `R = V^T` and
+//! space by `Q = U^T` makes the map diagonal: x becomes the longest axis of the ellipsoid and z the shortest, both in
+//! space and in the parameters. R and Q are rotations. If F includes a reflection, the third diagonal element is
+//! negative.
 //!
-//! The frame is determined only up to half turns about the axes, the same in the parameters and in space. It is
+//! The frame is determined only up to half turns about the axes, applied to both the parameters and space. It is
 //! undetermined if two of the singular values are equal. The half turn is chosen by the signs of the surface's skewness
 //! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
 
@@ -34,7 +35,8 @@ pub struct EllipsoidFrame {
     pub rotation: Rotation,
     /// Rotation Q of space into the frame.
     pub object: Rotation,
-    /// Semi-axes in descending order, in the surface's unit; the last one is negative if the map mirrors.
+    /// Semi-axes in descending order, in the surface's unit. The last semi-axis is negative if the map includes a
+    /// reflection.
     pub axes: [f64; 3],
 }
 
@@ -72,8 +74,8 @@ impl EllipsoidFrame {
     }
 }
 
-/// Returns U, the singular values and V of the degree 1 rows, where U and V are rotations, so that the last singular
-/// value may be negative.
+/// Returns U, the singular values and V of the rows of degree 1. U and V are rotations, so the last singular value may
+/// be negative.
 fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     let values = coefficients.values();
     if coefficients.max_degree() == 0 {
@@ -83,7 +85,8 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// Returns U, the singular values and V of rows 1 to 3, whose elements `values` returns, where U and V are rotations.
+/// Returns the singular value decomposition of rows 1 to 3 of the coefficients: U, the singular values and V. U and V
+/// are rotations. The function `values` returns the elements of these rows.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
     // The harmonics x, y and z have the orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));

@@ -19,8 +19,9 @@
 //! below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane, and the normal, the second form and
 //! the curvatures are set to 0.
 //!
-//! Cost: ten syntheses of three columns. At most 2^18 to 2^21 directions, depending on the degree, are evaluated at a
-//! time, with 240 bytes of workspace per direction; the result takes 168 bytes per direction.
+//! Cost: ten syntheses of three columns. The number of directions evaluated at a time is limited to between 2^18 and
+//! 2^21, depending on the degree. The workspace takes 240 bytes for each of these directions. The result takes 168
+//! bytes per direction.
 
 use ndarray::{Array2, Axis, Slice};
 use rayon::prelude::*;
@@ -34,7 +35,8 @@ use crate::derivatives::rotational_derivatives;
 use crate::error::ShapeError;
 use crate::extent::extent;
 
-/// Ratio of the area element to `|X_1|^2 + |X_2|^2` below which a point is singular.
+/// A point is singular if its area element is at most this fraction of `|X_1|^2 + |X_2|^2`, with the tangents X_1 and
+/// X_2.
 pub const SINGULAR: f64 = 1e-12;
 
 /// Indices (i, j) of the six second derivatives S_ij, in the order of their columns.
@@ -60,7 +62,8 @@ pub struct LocalGeometry {
 }
 
 impl LocalGeometry {
-    /// Computes the geometry from the position, the derivatives along the frame, and `X_11`, `X_12`, `X_22`.
+    /// Computes the geometry from the position, the first derivatives along the frame, and the second derivatives
+    /// `X_11`, `X_12` and `X_22`.
     fn new(position: Vec3, tangents: [Vec3; 2], second: [Vec3; 3]) -> Self {
         let [x1, x2] = tangents;
         let first_form = [dot(x1, x1), dot(x1, x2), dot(x2, x2)];
@@ -72,7 +75,8 @@ impl LocalGeometry {
         }
         let normal = scale(n, 1.0 / area_element);
         let second_form = second.map(|derivative| dot(normal, derivative));
-        // Entries a, b, c of the second form in the orthonormal basis t1 = X_1 / sqrt E, t2 = (X_2 - F/E X_1) / r.
+        // Entries a, b, c of the second form in the orthonormal basis t1 = X_1 / sqrt E, t2 = (X_2 - F/E X_1) / r,
+        // where r normalises t2.
         let [e, f, g] = second_form;
         let length = first_form[0].sqrt();
         let (slope, r) = (first_form[1] / first_form[0], area_element / length);
@@ -118,8 +122,9 @@ impl LocalGeometry {
         self.normal == [0.0; 3]
     }
 
-    /// Returns the geometry with the normal reversed, which changes the sign of the curvatures except for K. Intended
-    /// for models over a mirrored sphere, whose normals point inwards.
+    /// Returns the geometry with the normal reversed, which changes the signs of the principal curvatures and of the
+    /// mean curvature, but not of the Gaussian curvature. Intended for models over a mirrored sphere, whose normals
+    /// point inwards.
     #[must_use]
     pub fn flipped(&self) -> Self {
         let [k1, k2] = self.principal;
@@ -187,8 +192,8 @@ pub fn local_geometry(
     Ok(found)
 }
 
-/// Computes the geometry at the direction `u` from ten vectors: `vector` returns X for 0, `L_k X` for 1 to 3, and the
-/// six `S_ij` for 4 to 9.
+/// Computes the geometry at the direction `u` from ten vectors (see the [module](self)): `vector` returns the position
+/// X for 0, the derivatives `L_k X` for 1 to 3, and the six second derivatives `S_ij` for 4 to 9.
 fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
     let [e1, e2] = tangent_frame(u);
     let sum = |weights: [f64; 3]| {
@@ -220,8 +225,9 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Returns the number of directions to evaluate together. It is large enough that planning the transform, whose cost
-/// depends on the degree alone, doesn't dominate the time, and small enough to bound the memory.
+/// Returns the number of directions to evaluate together. The number is large enough that planning the transform
+/// doesn't dominate the time, because the cost of planning depends only on the degree. The number is small enough to
+/// bound the memory.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

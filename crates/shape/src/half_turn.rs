@@ -1,20 +1,21 @@
-//! Applies the half turn J about (y + z)/sqrt2 to the coefficients of one degree. Any rotation is a product of two J
-//! and three rotations about z.
+//! Applies the half turn J about (y + z)/sqrt2 to the coefficients of one degree. Any rotation is a product of two half
+//! turns J and three rotations about z.
 //!
 //! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
-//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, where J is real and symmetric and `J^2 =
-//! 1`. J is computed from the [quarter](crate::quarter) of d^l(pi/2): with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`,
-//! `s_i = (-1)^floor(i/2)`, c_i = sqrt2 except c_0 = 1, and another factor -1 in w_{ik} if i and k are both odd,
+//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, where J is real, symmetric and its own
+//! inverse. J is computed from [`Delta`](crate::quarter), a quarter of Wigner's matrix d^l(pi/2). With c_i = sqrt2
+//! except c_0 = 1, `s_i = (-1)^floor(i/2)`, and `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, with another factor -1 in w_{ik}
+//! if i and k are both odd,
 //!
 //! ```text
 //! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
 //! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
 //! ```
 //!
-//! Each row i therefore reads either cosines or sines. W rows of one parity are computed together, one per SIMD lane.
-//! The values of a row are used immediately and never stored. Cost: `(l+1)^2 (3 + 2c)` flops for c columns, not
-//! counting hidden rows, and O(l) memory. Using the quarter's symmetry could save half of the recurrence, but would
-//! require loading and storing the sums every few products.
+//! Each row i therefore reads either cosines or sines. A batch of W rows of the same parity is computed at once, with
+//! one row per SIMD lane. The values of a row are used immediately and never stored. Cost: `(l+1)^2 (3 + 2c)` flops for
+//! c columns, not counting rows that are so small that they are treated as zero, and O(l) memory. Using the quarter's
+//! symmetry could save half of the recurrence, but would require loading and storing the sums every few products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};
@@ -26,9 +27,11 @@ pub(crate) struct Workspace {
     pub(crate) cos: Vec<f64>,
     /// Coefficients (l + 1, columns) of sin(k phi); row 0 is zero.
     pub(crate) sin: Vec<f64>,
-    /// Inputs (steps, columns) of the rows i, by parity of i, in ascending order of t = l - k, padded with zeros.
+    /// For each parity of i, the coefficients (steps, columns) that are multiplied with the rows i of the quarter. The
+    /// orders k are sorted by ascending t = l - k. The coefficients are padded with zeros.
     inputs: [Vec<f64>; 2],
-    /// Sums (columns, rows) for each parity of i and each parity of t.
+    /// The sums over k in the module's formulas, as arrays (columns, rows): one for each parity of the row index i and
+    /// each parity of t = l - k.
     sums: [[Vec<f64>; 2]; 2],
 }
 
@@ -80,7 +83,7 @@ impl Workspace {
     }
 }
 
-/// Returns the factor `s_i c_i` of the elements `w_{ik}`.
+/// Returns the factor `s_i c_i` of the elements `w_{ik}`, both defined at the top of this file.
 fn scale(i: usize) -> f64 {
     let c = if i == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
     if i % 4 < 2 { c } else { -c }

@@ -6,12 +6,12 @@
 //! h_l = exp(-l (l + 1) s),    FWHM = 4 sqrt(s ln 2) rad,    s = FWHM^2 / (16 ln 2)
 //! ```
 //!
-//! (M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying the amount of gray
-//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the formula for the width is exact for a Gaussian in
-//! the plane.) The kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017
-//! times at 1e-2 and 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the
-//! sphere of directions; in the surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4
-//! pi))`.
+//! The kernel is from M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying
+//! the amount of gray matter", IEEE Trans. Med. Imaging 26 (2007). The formula for the full width at half maximum
+//! (FWHM) is exact for a Gaussian in the plane. On the sphere, the width is larger than the formula by a factor of
+//! 1.0002 at s = 1e-3, 1.0017 at s = 1e-2, and 1.017 at s = 0.1. Degree 0, and therefore the mean position, is
+//! unchanged. The width refers to the sphere of directions. In the surface's unit, the width varies with the area
+//! element, and is about `FWHM sqrt(area / (4 pi))`.
 
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! is the root mean square distance over the sphere between the model and its truncation to degree d. The formula is
-//! exact and needs no evaluation of surfaces. Distances to the nearest point of the surface are smaller.
+//! exact, and no surface is evaluated. Distances to the nearest point of the surface are smaller.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;

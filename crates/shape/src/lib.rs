@@ -1,9 +1,9 @@
 //! Operations on spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry, compression.
 //!
-//! Coefficients are (K, 3) arrays over the canonical basis, with K = (L+1)^2; row `l^2 + l + m` has degree l and order
-//! m (see `spharm_harmonics`).
-//! The distance between two surfaces f and g with coefficients a and b is `|a - b| / sqrt(4 pi)`, the root mean square
-//! over the sphere of |f(u) - g(u)| by Parseval's identity; it is in the surface's unit of length.
+//! Coefficients are (K, 3) arrays over the canonical basis, with K = (L+1)^2. Row `l^2 + l + m` has degree l and order
+//! m (see `spharm_harmonics`). The distance between two surfaces f and g with coefficients a and b is `|a - b| / sqrt(4
+//! pi)`, in the surfaces' unit of length. By Parseval's identity, it equals the root mean square of |f(u) - g(u)| over
+//! the sphere.
 //!
 //! # Modules
 //!
@@ -12,12 +12,12 @@
 //! | [`rotation`] | rotations from angles, axes, quaternions and matrices |
 //! | [`rotate`] | coefficients rotated in their parameters |
 //! | [`transform`] | surfaces and models transformed in space and in their parameters |
-//! | [`mod@align`] | alignment of one surface to another, by a search of all rotations of both spaces |
+//! | [`mod@align`] | alignment of one surface to another, by a search of all rotations of the parameters and of space |
 //! | [`foe`] | the frame of the first-order ellipsoid |
 //! | [`mod@procrustes`] | alignment of a group of surfaces, and its mean |
 //! | [`derivatives`] | the operators L_x, L_y, L_z, which map each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
-//! | [`mod@mean`] | groups brought to one common degree, and their mean |
+//! | [`mod@mean`] | truncation of groups to a common degree, and their mean |
 //! | [`poses`] | check whether the surfaces of a group share one pose |
 //! | [`smoothing`] | check whether the models of a group were smoothed equally |
 //! | [`measures`] | area, volume, centroid |
@@ -31,13 +31,13 @@
 //! | [`morph`] | intermediate shapes between two surfaces |
 //! | [`field`] | measured values of a group at the vertices of a sampling |
 //! | [`pca`] | mean and modes of a group, and their quality |
-//! | [`mod@groupwise`] | refinement of a group's correspondence by the group itself |
-//! | [`mod@quality`] | compactness, generalisation, specificity and landmarks of a group in correspondence, by area |
+//! | [`mod@groupwise`] | refinement of a group's correspondence |
+//! | [`mod@quality`] | quality of a group's correspondence, weighted by area |
 //! | [`units`] | members of a group whose lengths seem to be in another unit |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`codec`] | compression and decompression of models |
 //! | [`error`] | [`ShapeError`] |
-//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2; sums with its rows; the half turn built from them |
+//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2; products with its rows; the resulting half turn |
 //! | `matrix3`, `product` | 3 x 3 matrices; products of large matrices |
 //! | `so3_grid`, `refine`, `pair` | search over a grid of rotations; refinement of one rotation; both combined |
 //! | `group` | a group during its alignment |

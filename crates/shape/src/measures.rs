@@ -1,22 +1,22 @@
 //! Computes area, volume and centroid of a model by Gauss-Legendre quadrature over the sphere.
 //!
-//! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), on a grid of n rings of 2n azimuths, where
-//! each direction of ring j has the weight `w = w_j pi / n`:
+//! The grid has n rings of 2n azimuths. Each direction of ring j has the weight `w = w_j pi / n`. With the area vector
+//! `N = X_1 x X_2` of [`geometry`](crate::geometry):
 //!
 //! ```text
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
 //! The formulas for volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`.
-//! Their integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1; volume and centroid
-//! are therefore exact, except for rounding, if `n` is at least `2L + 1`. |N| isn't a polynomial: the area is computed
-//! on L + 1 rings (at least 8), then on twice as many rings, and so on, until it changes by less than a tolerance. The
-//! last change is reported. It estimates the error on the coarser of the last two grids, and is much larger than the
-//! error on the finer grid, whose area is returned.
+//! Their integrands are polynomials of degree 3L and 4L, and quadrature on n rings is exact up to degree 2n - 1. Volume
+//! and centroid are therefore exact, except for rounding errors, if `n` is at least `2L + 1`. |N| isn't a polynomial.
+//! The area is therefore computed on L + 1 rings (at least 8), and the number of rings is doubled until the area
+//! changes by less than a tolerance. The last change is reported. It is an estimate of the error on the coarser of the
+//! last two grids. The area returned is from the finer grid, whose error is much smaller.
 //!
-//! Cost: four syntheses of three columns at 2 n^2 directions for each grid. At most 2^18 to 2^21 directions, depending
-//! on the degree, are evaluated at a time, with 96 bytes per direction. Sums are added in the order of the rings, so
-//! the result is bitwise the same on any number of threads.
+//! Cost: four syntheses of three columns at 2 n^2 directions for each grid. The number of directions evaluated at a
+//! time is limited to between 2^18 and 2^21, depending on the degree. Each of these directions takes 96 bytes. Sums are
+//! added in the order of the rings, so the result is bitwise the same on any number of threads.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -32,13 +32,14 @@ use crate::error::ShapeError;
 use crate::extent::{Extent, extent};
 use crate::geometry::{run_length, side_by_side, tangent_frame};
 
-/// Ratio of the area element to its mean below which the map from the sphere is regarded as squeezed.
+/// The map from the sphere is regarded as squeezed at points whose area element is below this share of its mean.
 pub const SQUEEZED: f64 = 1e-3;
 
 /// Settings of [`measure`], which determine the convergence of the area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasureParams {
-    /// Relative change of the area from one grid to the next up to which the area has converged; 1e-7 by default.
+    /// The area has converged when its relative change from one grid to the next is at most this value; 1e-7 by
+    /// default.
     pub tolerance: f64,
     /// Maximum number of rings of a grid; by default the larger of 1,024 and 2L + 2. A value below 16 or below 2L + 2
     /// is raised to the larger of the two.
@@ -196,7 +197,8 @@ struct Sums {
     squeezed: f64,
 }
 
-/// Coefficients of the position X, relative to the mean position, and of the derivatives `L_k X`, side by side.
+/// Coefficients of the position X, relative to the mean position, and of its [derivatives](crate::derivatives) `L_k X`,
+/// side by side.
 pub(crate) struct Columns {
     values: Array2<f64>,
     max_degree: usize,
@@ -227,14 +229,14 @@ impl Columns {
                     add(add(x, y), z)
                 };
                 let [e1, e2] = tangent_frame(u);
-                // N = X_1 x X_2, with X_1 = along(e2) and X_2 = -along(e1).
+                // N = X_1 x X_2, with the tangents X_1 = along(e2) and X_2 = -along(e1).
                 [vector(0), cross(along(e1), along(e2))]
             })
             .collect())
     }
 
-    /// Returns the sums over the grid of `rings` rings; directions whose area element is below `small` count as
-    /// squeezed.
+    /// Returns the sums over the grid of `rings` rings. The solid angle of directions with an area element below
+    /// `small` is added to `squeezed`.
     fn sums(&self, rings: usize, small: f64, monitor: &dyn Monitor) -> Result<Sums, ShapeError> {
         let grid = Grid::new(rings);
         monitor.begin(Stage::counted("quadrature", "rings"), rings as u64);

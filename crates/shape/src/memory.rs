@@ -29,9 +29,9 @@ impl GroupSizes {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the number of bytes for aligning the group, in addition to the coefficients: `96 n K` for the members in
-    /// their poses, the surfaces of the mean and of one member, and in each thread the larger of [`align_bytes`] and
-    /// the memory of a surface with its search tree.
+    /// Returns the number of bytes for aligning the group, in addition to the coefficients. The members in their poses
+    /// take `96 n K`. The surfaces of the mean and of one member are stored once. Each thread takes the larger of
+    /// [`align_bytes`] and the memory of a surface with its search tree.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
@@ -43,7 +43,7 @@ impl GroupSizes {
 
     /// Returns the number of bytes for the modes of the group, in addition to the coefficients: `40 n K c + 64 n^2` for
     /// members as columns, their singular vectors and modes, and the workspace of the decomposition. Computing the
-    /// quality with `samples` random shapes adds `24 n^2` for leave-one-out scores, once and in each thread, and `8 n`
+    /// quality with `samples` random shapes adds `24 n^2` for leave-one-out scores, `24 n^2` in each thread, and `8 n`
     /// per shape.
     #[must_use]
     pub fn modes(self, samples: usize, threads: usize) -> u64 {
@@ -79,9 +79,9 @@ impl GroupSizes {
     /// Returns the number of bytes for a test at `vertices` vertices, V, with `relabellings` relabellings, in addition
     /// to the coefficients:
     ///
-    /// - `32 n V d` for the samples of all models, with d components per vertex, and for their residuals, with a second
-    ///   copy of both for Welch's test and during the computation;
-    /// - `8 V` per thread, 24 per relabelling, and 1200 per vertex for maps and their table;
+    /// - `32 n V d` for the samples of all models with d components per vertex, for their residuals, and for a second
+    ///   copy of both, which Welch's test and the computation use;
+    /// - 8 per vertex and thread, 24 per relabelling, and 1200 per vertex for maps and their table;
     /// - the larger of the transform of one model and the geometry of the mean.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
@@ -94,8 +94,8 @@ impl GroupSizes {
     }
 }
 
-/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices: in each thread the maps
-/// of a batch of relabellings and a forest, and in total the graph of the surface.
+/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices. Each thread has the maps
+/// of a batch of relabellings and a forest of regions. All threads share the graph of the surface.
 #[must_use]
 pub fn regions_bytes(vertices: u64, threads: usize) -> u64 {
     vertices.saturating_mul((64 * 8 + 72) * threads as u64 + 200)
@@ -109,15 +109,15 @@ pub fn align_bytes(max_degree: usize) -> u64 {
 }
 
 /// Returns the number of bytes that [`local_geometry`](crate::local_geometry) uses for `directions` directions,
-/// including the result: 368 per direction while the result is collected, and the transform of 30 columns with its
-/// output for the directions evaluated together.
+/// including the result. It has two parts: 368 bytes per direction while the result is collected, and the transform of
+/// 30 columns with its output for the directions evaluated at a time.
 #[must_use]
 pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
 }
 
-/// Returns the maximum number of bytes that [`measure`](crate::measure) uses: 12 columns at the directions evaluated
-/// together, on a grid with the larger of 1,024 and 2 L + 2 rings.
+/// Returns the maximum number of bytes that [`measure`](crate::measure) uses. A transform evaluates 12 columns, at some
+/// directions of a grid at a time. The grid has 1,024 or 2 L + 2 rings, whichever is larger.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);

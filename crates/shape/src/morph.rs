@@ -1,11 +1,12 @@
 //! Computes intermediate shapes between two surfaces.
 //!
-//! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
-//! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. If
-//! the pose of the first surface is kept, poses are interpolated along the shortest path: the rotation in space at a
-//! constant angular speed (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), the scale
-//! geometrically and the position linearly. A path between two surfaces that differ only in pose therefore doesn't
-//! deform them. If surfaces don't correspond well, the shape at t = 1/2 has a small volume: see [`volume_ratio`].
+//! The first surface, with coefficients a, is [aligned](mod@crate::align) to the second one, with coefficients b. The
+//! alignment T consists of a rotation of the parameters and a similarity of space. The shape, without row 0, is
+//! interpolated linearly: `(1 - t) T a + t b`. If the pose of the first surface is kept, poses are interpolated along
+//! the shortest path. The rotation in space has a constant angular speed (K. Shoemake, "Animating rotation with
+//! quaternion curves", SIGGRAPH 1985). The scale is interpolated geometrically, and the position linearly. A path
+//! between two surfaces that differ only in pose therefore doesn't deform them. If surfaces don't correspond well, the
+//! shape at t = 1/2 has a small volume: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -15,8 +16,8 @@ use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
 
-/// Minimum volume at t = 1/2, as a fraction of the smaller of the two ends' volumes. If the volume is below it, the
-/// surfaces don't correspond.
+/// Minimum volume at t = 1/2, as a fraction of the smaller of the volumes at t = 0 and t = 1. If the volume is below
+/// this minimum, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
 /// A path between two surfaces of one degree.
@@ -34,7 +35,7 @@ pub struct Morph {
 
 impl Morph {
     /// Aligns `from` to `to` and creates the path between them, at the lower of the two degrees. If `keep_pose` is set,
-    /// the path starts at the pose of `from`; otherwise the whole path is in the pose of `to`.
+    /// the path starts in the pose of `from`. Otherwise the surfaces at all times t are in the pose of `to`.
     ///
     /// # Errors
     ///
@@ -75,7 +76,9 @@ impl Morph {
         if !self.keep_pose {
             return Ok(shape);
         }
-        // At time t, the pose maps x to Q(t)^T (x - c) / s(t) + c'(t), where c is the shape's centre.
+        // At time t, the pose maps x to Q(t)^T (x - c) / s(t) + c'(t). Here c is the shape's centre, c'(t) is its
+        // interpolated position, and Q(t) and s(t) are the parts of the alignment's rotation and scale that remain at
+        // time t.
         let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
         let part = portion(&rotation, 1.0 - t)?;
         let scale = self.pose.scale.powf(1.0 - t);
@@ -114,7 +117,7 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     Rotation::from_axis_angle(plus[longest], share * angle)
 }
 
-/// Returns the volume at t = 1/2 divided by the smaller of the two ends' volumes. If the ratio is below
+/// Returns the volume at t = 1/2 divided by the smaller of the volumes at t = 0 and t = 1. If the ratio is below
 /// [`LEAST_VOLUME`], the surfaces don't correspond.
 ///
 /// # Errors
@@ -187,7 +190,8 @@ mod tests {
             let middle = 0.5 * (place(&first)[k] + to.values()[[0, k]]);
             assert!((place(&half)[k] - middle).abs() < 1e-9);
         }
-        // If the whole path is in the pose of the second surface, it is constant.
+        // The two surfaces differ only in pose. If all surfaces of the path are in the pose of the second surface, they
+        // are equal.
         let still = Morph::new(&from, &to, &params, false, &Silent).unwrap();
         assert!(rmsd(&still.at(0.3).unwrap(), &to).unwrap() < 1e-9);
         assert!((volume_ratio(&still, &Silent).unwrap() - 1.0).abs() < 1e-9);

@@ -1,16 +1,16 @@
-//! Finds values of a group that lie far from the others, members that dominate a mode, and duplicate members.
+//! Finds values of a group that are far from the other values, members that dominate a mode, and duplicate members.
 //!
-//! The robust z of a value is its deviation from the median, divided by a measure s of the group's spread that a few
-//! extreme values hardly affect:
+//! The robust z of a value is its deviation from the median, divided by a measure s of the group's spread. A few
+//! extreme values have little effect on s:
 //!
 //! ```text
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
-//! MAD is the median absolute deviation, the median of the distances from the median, and the factor 1.4826 makes s the
-//! standard deviation of normally distributed values. If more than half of the values are equal, s is 1.2533 times the
-//! mean distance from the median. (If all but one of seven or more values are equal, the remaining value is then an
-//! outlier.) B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! MAD is the median absolute deviation: the median of the distances from the median. With the factor 1.4826, s is the
+//! standard deviation if the values are normally distributed. If more than half of the values are equal, s is 1.2533
+//! times the mean distance from the median. (If all but one of seven or more values are equal, the remaining value is
+//! then an outlier.) The method is from B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
@@ -22,7 +22,7 @@ pub const FAR: f64 = 3.5;
 /// Minimum number of values for which outliers are reported.
 pub const LEAST: usize = 5;
 
-/// A value that lies far from the others.
+/// A value that is far from the other values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlier {
     /// Index of the value, from 0.
@@ -68,16 +68,16 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
 pub struct Influence {
     /// Index of the member, from 0.
     pub index: usize,
-    /// Fraction by which the variance of the mode falls without the member, above 0.5 and at most 1.
+    /// Fraction by which the variance along the mode decreases if the member is left out, above 0.5 and at most 1.
     pub share: f64,
 }
 
-/// Significance level of Grubbs' test: the most extreme score is an outlier if it is less probable than this.
+/// Significance level of Grubbs' test: the most extreme score is an outlier if its p value is below this level.
 const IMPROBABLE: f64 = 1e-3;
 
-/// Returns the member, if any, that dominates a mode, given the scores of all members along the mode: without this
-/// member the variance of the scores falls by more than half, and its score is an outlier by Grubbs' test at the level
-/// 0.001.
+/// Returns the member, if any, that dominates a mode, given the scores of all members along the mode. Without this
+/// member the variance of the scores falls by more than half, and the member's score is an outlier by Grubbs' test at
+/// the level 0.001.
 ///
 /// F. Grubbs, "Procedures for Detecting Outlying Observations in Samples", Technometrics 11 (1969).
 #[must_use]
@@ -96,7 +96,7 @@ pub fn influential(scores: &[f64]) -> Option<Influence> {
     // Without the member the mean moves too, so the sum of squares falls by `far` n / (n - 1).
     let left = (1.0 - far * n / (n - 1.0) / squares).max(0.0);
     let share = 1.0 - left * (n - 1.0) / (n - 2.0);
-    // The member's deviation, divided by the standard deviation of the others, has a t distribution with n - 2
+    // The member's deviation, divided by the standard deviation of the other members, has a t distribution with n - 2
     // degrees of freedom.
     let t = if left > 0.0 { ((1.0 - left) / left * (n - 2.0)).sqrt() } else { f64::INFINITY };
     let tail = StudentsT::new(0.0, 1.0, n - 2.0).map_or(0.0, |distribution| distribution.sf(t));
@@ -109,7 +109,8 @@ pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
     let mut places: HashMap<Vec<u64>, usize> = HashMap::new();
     let mut sets: Vec<Vec<usize>> = Vec::new();
     for (index, member) in members.iter().enumerate() {
-        // Members are first grouped by a key of their first values, in which different members normally differ.
+        // Members are first grouped by a key that consists of their first values. Different members normally have
+        // different keys, so few members are compared completely.
         let key: Vec<u64> = member.values().iter().take(KEY).map(|value| value.to_bits()).collect();
         let set = *places.entry(key).or_insert_with(|| {
             sets.push(Vec::new());
@@ -135,7 +136,7 @@ fn equal(a: &Coefficients, b: &Coefficients) -> bool {
     a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// Number of coefficients in the key by which members are first compared.
+/// Members are first compared by a key, which contains this number of their coefficients.
 const KEY: usize = 12;
 
 /// Returns the median; 0 for no values.
@@ -193,7 +194,7 @@ mod tests {
         assert!((found.share - (1.0 - variance(&others) / variance(&scores))).abs() < 1e-12, "{found:?}");
         // Without the outlier, no other member dominates the mode.
         assert_eq!(influential(&others), None);
-        // One distant score of five isn't improbable enough, and equal scores have no variance.
+        // One distant score among five scores isn't improbable enough, and equal scores have no variance.
         assert_eq!(influential(&[0.0, 0.2, -0.1, 0.1, 1.0]), None);
         assert_eq!(influential(&[1.0; 6]), None);
         let all = influential(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();

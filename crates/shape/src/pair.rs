@@ -1,7 +1,7 @@
 //! Searches the rotations of the parameters and of space jointly for a pair of surfaces.
 //!
 //! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q for a given
-//! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that a search over one [grid](crate::so3_grid) of R
+//! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so a search over a [grid](crate::so3_grid) of R alone
 //! finds both rotations. The best local maxima of the grid are [refined](mod@crate::refine). The four rotations that
 //! align the axes of both surfaces' [first-order ellipsoids](crate::foe) are refined too, because optima that are half
 //! turns apart may be nearly equal. If mirror images are allowed, Q may be a reflection, and f(-u) is searched in
@@ -71,12 +71,12 @@ impl Unit {
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// Distance |Q R f - g| reached from each start: first from the starts that the grid gave, in order of decreasing
-    /// score, then from the starts that the ellipsoids gave.
+    /// Distance |Q R f - g| reached from each start. Distances for the starts from the grid come first, in order of
+    /// decreasing score. Distances for the starts from the ellipsoids follow.
     pub(crate) ends: Vec<f64>,
 }
 
-/// Tables shared by all searches at one degree, which take `12 (L+1)^2 + 32/3 B^4` bytes.
+/// Tables shared by all searches at degree L. With a grid of bandwidth B, they take `12 (L+1)^2 + 32/3 B^4` bytes.
 pub(crate) struct Plan {
     pub(crate) rotator: Rotator,
     grid: So3Grid,
@@ -91,8 +91,8 @@ impl Plan {
     /// Searches all rotations for the best alignment of the surface `f`, of norm 1, to the target.
     pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, space, false);
-        // The surface f(-u) is searched only if mirror images are allowed. In a known pose both surfaces are oriented
-        // outwards.
+        // The surface f(-u) is inside out, and only a reflection of space turns it outwards. It is therefore searched
+        // only if reflections are allowed.
         let other = (space == Space::Mirrored).then(|| f.antipodal());
         if let Some(other) = &other {
             starts.extend(self.starts_of(other, target, space, true));
@@ -184,7 +184,8 @@ pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
         rotation: Rotation::IDENTITY,
         orthogonal,
         distance: distance(f, &orthogonal, g),
-        // Only Q was determined, and the singular values suffice to decide whether it is unique.
+        // The parameters weren't rotated, so no stiffness is computed, and 1 is returned. The singular values show
+        // whether Q is unique.
         stiffness: 1.0,
         singular_values: [values[0], values[1], sign * values[2]],
     }

@@ -1,9 +1,9 @@
 //! Computes the principal components of a group of aligned models: its modes of variation.
 //!
 //! Shapes are coefficients without row 0, which is the position. With the distance `|a - b| / sqrt(4 pi)` (see the
-//! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length;
-//! modes are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
-//! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995). For
+//! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length.
+//! Modes are coefficients of norm `sqrt(4 pi)`. The shape at z standard deviations along mode k is therefore `mean + z
+//! sqrt(variance_k) mode_k` (T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61, 1995). For
 //! measures of quality, see [`quality`] and M. A. Styner et al., "Evaluation of 3D correspondence methods for model
 //! building", IPMI 2003.
 //!
@@ -26,8 +26,8 @@ const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 pub struct Modes {
     /// Mean (K, 3) of the group, with the position in row 0.
     pub mean: Array2<f64>,
-    /// Modes (m, 3 (K - 1)), in order of decreasing variance. Each mode is a row of coefficients without row 0,
-    /// row-major and of norm `sqrt(4 pi)`, whose entry of largest absolute value is positive.
+    /// Modes (m, 3 (K - 1)), in order of decreasing variance. Each mode has the coefficients without row 0, in
+    /// row-major order and with norm `sqrt(4 pi)`. The entry with the largest absolute value is positive.
     pub modes: Array2<f64>,
     /// Variance (m) along each mode, in the square of the unit of length.
     pub variances: Vec<f64>,

@@ -1,9 +1,9 @@
 //! Checks whether equal directions correspond in a group whose maps to the sphere may have been made separately.
 //!
-//! Two surfaces are compared at the same directions of an icosphere, and by the nearest points of the other surface.
-//! Each member is compared with the typical member, the member nearest to the mean. If the distance at equal
-//! directions exceeds the distance between the surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and
-//! tests reflect differences between the maps.
+//! Each member is compared with the typical member, which is the member nearest to the mean. Two distances between
+//! their surfaces are computed: the distance at the same directions of an icosphere, and the distance to the nearest
+//! points of the other surface. If the distance at equal directions exceeds the distance between the surfaces by a
+//! factor above [`FAR_FROM_A_MEMBER`], means, modes and tests reflect differences between the maps.
 //!
 //! Cost: about 10 ms per member on one thread, for at most [`MOST`] members. Poses are checked by
 //! [`surface_poses`](crate::surface_poses()).
@@ -23,8 +23,8 @@ use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
 
 /// Maximum number of members compared with the typical member; they are evenly spaced over the group.
 pub const MOST: usize = 64;
-/// Numbers of subdivisions: of the icosphere whose triangles make up the surfaces, and of the icosphere whose
-/// vertices are the query points.
+/// Numbers of subdivisions of two icospheres. The triangles of the first icosphere make up the surfaces. The vertices
+/// of the second icosphere are the query points.
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 
@@ -38,7 +38,8 @@ pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
 }
 
 /// Returns a warning if equal directions don't correspond in a group of surfaces (K, 3) of one degree. The surfaces
-/// must lie in one pose, whether registered or not. Returns `None` otherwise, and for fewer than two surfaces.
+/// must be in the same pose, but they needn't be registered. Returns `None` if equal directions correspond, and for
+/// fewer than two surfaces.
 ///
 /// # Errors
 ///

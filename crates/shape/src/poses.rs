@@ -1,19 +1,19 @@
-//! Checks whether the models of a group lie in one pose, as a mean, modes and tests require.
+//! Checks whether the models of a group are in the same pose. A mean, modes and tests require a common pose.
 //!
 //! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
-//! correspond, their matrices B are similar. If surfaces are rotated in space or in the parameters, B becomes Q B R,
-//! and the matrices of different surfaces cancel each other in the sum. The sum is largest if all matrices have the
-//! same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order
-//! (von Neumann's trace inequality). The ratio
+//! correspond, their matrices B are nearly equal. If a surface is rotated in space or in its parameters, B becomes Q B
+//! R. Matrices of surfaces in different poses partly cancel each other in the sum. The sum is largest if all matrices
+//! have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in
+//! descending order (von Neumann's trace inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, regardless of their sizes and shapes, and about 1 / sqrt(n) for n surfaces in random
-//! poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. Computing the ratio
-//! requires no search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B
-//! unchanged.
+//! is 1 for surfaces in one pose, regardless of their sizes and shapes. For n surfaces in random poses, the ratio is
+//! about 1 / sqrt(n). For ellipsoids with axes 9, 5 and 3 in random poses, it is 0.27 for 12 surfaces, 0.42 for 5
+//! surfaces and 0.55 for 3 surfaces. Computing the ratio requires no search. It can't detect half turns about the axes
+//! of the ellipsoid in both spaces, which leave B unchanged.
 
 use std::fmt;
 
@@ -22,11 +22,11 @@ use spharm_harmonics::Coefficients;
 use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
-/// Minimum ratio for surfaces in one pose. In random poses, 1 in 200 groups of 5 surfaces and 1 in 12 groups of 3
-/// exceed it.
+/// Surfaces are treated as being in one pose if the ratio `|sum B_i| / |sum s_i|` (see the module's documentation) is
+/// at least this value. In random poses, 1 in 200 groups of 5 surfaces and 1 in 12 groups of 3 surfaces exceed it.
 const LEAST: f64 = 0.75;
 
-/// Warning that surfaces don't lie in one pose.
+/// Warning that surfaces aren't in the same pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosesDiffer {
     /// Fraction of the first-order ellipsoids' size that remains after averaging them; 1 if all surfaces are in one
@@ -35,7 +35,8 @@ pub struct PosesDiffer {
 }
 
 impl PosesDiffer {
-    /// Checks a group of surfaces (K, 3). Returns `None` if they lie in one pose, or if degree 1 is inconclusive.
+    /// Checks a group of surfaces (K, 3). Returns `None` if the surfaces are in one pose, or if degree 1 is
+    /// inconclusive.
     #[must_use]
     pub fn of(group: &[Coefficients]) -> Option<Self> {
         let first_order = |surface: &Coefficients| -> Option<Matrix3> {

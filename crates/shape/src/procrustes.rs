@@ -1,20 +1,20 @@
 //! Aligns a group of surfaces: generalised Procrustes analysis over rotations of the parameters and of space.
 //!
-//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is aligned to the mean and the
-//! mean is recomputed, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` stops falling. All surfaces are first
-//! aligned to a template by the [joint search](mod@crate::align). Then each surface is refined from its current pose,
-//! and once the group has converged, each pose is searched anew. Because of local optima, several templates are tried
-//! and the smallest spread is taken. The report lists the spreads of all templates. Members are centred at the
-//! origin. With `scale` all members are first scaled to the root mean square size of the group, so that the group
-//! doesn't shrink.
+//! In generalised Procrustes analysis (J. Gower, "Generalized Procrustes analysis", Psychometrika 40, 1975), every
+//! surface is aligned to the mean, and then the mean is recomputed. These rounds are repeated until the spread,
+//! `sqrt(sum |a_i - mean|^2 / n / 4 pi)`, stops falling. All surfaces are first aligned to a template by the [joint
+//! search](mod@crate::align). Then the pose of each surface is refined from its current value. Once the group has
+//! converged, each pose is searched anew. Because of local optima, several templates are tried, and the result with the
+//! smallest spread is kept. The report lists the spreads of all templates. Members are centred at the origin. With
+//! `scale` all members are first scaled to the root mean square size of the group, so that the group doesn't shrink.
 //!
-//! The mean of a group has no natural pose. At the end, all surfaces are rotated together such that the mean is in
-//! the [frame](crate::foe) of its first-order ellipsoid, so that the result doesn't depend on the poses of the input.
+//! The mean of a group has no natural pose. At the end, all surfaces are rotated together into the [frame](crate::foe)
+//! of the mean's first-order ellipsoid. The result therefore doesn't depend on the poses of the input.
 //!
-//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for n = 1,000 and L = 29.
-//! Each thread needs the memory of [`align`](mod@crate::align), plus 0.6 MB with [`Method::Surfaces`]. Surfaces are
-//! aligned on all threads; sums are taken in the order of the members, so that the result doesn't depend on the number
-//! of threads.
+//! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input. For n = 1,000 and L = 29, this is
+//! 86 MB. Each thread needs the memory of [`align`](mod@crate::align), plus 0.6 MB with [`Method::Surfaces`]. Surfaces
+//! are aligned on all threads. Sums are computed in the order of the members, so the result doesn't depend on the
+//! number of threads.
 
 mod by_surfaces;
 mod journal;
@@ -124,8 +124,8 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Spreads that agree within ten times the tolerance are treated as equal, and the first start that reached the
-        // spread is kept.
+        // Spreads that agree within ten times the tolerance are treated as equal. Of starts with equal spreads, the
+        // first one is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -151,7 +151,8 @@ fn brought_together(
 /// State shared by all starts of a group's alignment.
 struct Group<'a> {
     units: Vec<Unit>,
-    /// Norm of each member, to which its coefficients of norm 1 are scaled.
+    /// Norm by which each member's coefficients of norm 1 are multiplied: the same for all members if sizes are
+    /// removed, otherwise the norm before scaling.
     sizes: Vec<f64>,
     plan: Option<Plan>,
     degree: usize,
@@ -215,7 +216,7 @@ impl<'a> Group<'a> {
             let end = if journal.is_some() { count.min(poses.len() + KEPT) } else { count };
             let one = |index: usize| -> Result<Pose, ShapeError> {
                 let pose = pose(index);
-                // The pose of an interrupted search is invalid.
+                // If the search was interrupted, its pose is invalid, so check before the pose is used.
                 self.monitor.check()?;
                 self.monitor.step(1);
                 Ok(pose)
@@ -249,7 +250,7 @@ impl<'a> Group<'a> {
     }
 
     /// Refines the pose of every member once against the mean. If `anew` is set, also searches each pose anew, and
-    /// keeps whichever pose is nearer to the mean.
+    /// keeps the pose that is nearer to the mean.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
         let mirror = self.mirror;

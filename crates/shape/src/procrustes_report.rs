@@ -19,8 +19,8 @@ pub struct ProcrustesParams {
     pub align: AlignParams,
     /// Number of templates; by default all members in groups of up to 20, and 5 members in larger groups.
     pub templates: Option<usize>,
-    /// Relative decrease of the spread below which a start has converged; 1e-7 by default. The best start continues
-    /// until surfaces move by less than 1e-10 of their size.
+    /// A start has converged when a round decreases the spread by less than this fraction; 1e-7 by default. The best
+    /// start then continues until surfaces move by less than 1e-10 of their size.
     pub tolerance: f64,
     /// Maximum number of rounds per start; 100 by default.
     pub max_rounds: usize,
@@ -50,31 +50,31 @@ pub enum ProcrustesWarning {
     },
     /// The lengths of a member seem to be in another unit than the lengths of the others.
     Unit(OtherUnit),
-    /// A member's mirror image is nearer to the other members than the member itself, whereas the other members are
-    /// nearer unmirrored: the member may be from the other side. A mirrored member usually goes undetected if the
-    /// shapes hardly differ from their mirror images, or differ more from each other than from their mirror images, as
-    /// hippocampi do.
+    /// A member's mirror image is nearer to the other members than the member itself. The other members are nearer to
+    /// each other without mirroring. The member may therefore be from the other side. A mirrored member usually isn't
+    /// detected if the shapes differ little from their mirror images, or if they differ more from each other than from
+    /// their mirror images. Hippocampi are an example of the second case.
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
-        /// Distance of the member from the mean of the others. If the surfaces determine the poses, the distance of its
-        /// surface from that of the typical member, at the typical member's size.
+        /// Distance of the member from the mean of the others. If the surfaces determine the poses, this is the
+        /// distance between the surfaces of the member and of the typical member, at the typical member's size.
         rmsd: f64,
-        /// The same distance for the member's mirror image.
+        /// Distance of the member's mirror image, measured in the same way as `rmsd`.
         mirrored: f64,
     },
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
     /// or more.
     Sides {
-        /// Indices of the members of the smaller side, from 0; if both sides have the same size, of the members of the
-        /// side without the first member. Empty if the shapes don't show which members these are.
+        /// Indices of the members of the smaller side, from 0. If both sides have the same size, the side without the
+        /// first member is listed. Empty if the shapes don't show which members belong to this side.
         members: Vec<usize>,
         /// Number of members of the group.
         of: usize,
-        /// Spread of the group. If the surfaces determine the poses, the root mean square distance of the members of
-        /// one side from the typical member of the other side.
+        /// Spread of the group. If the surfaces determine the poses, this is the root mean square distance of the
+        /// members of one side from the typical member of the other side.
         spread: f64,
-        /// The same spread or distance, with mirror images matched.
+        /// The value that `spread` has after all members whose mirror images fit better have been mirrored.
         mirrored: f64,
     },
     /// A warning about the alignment of one member to the mean.
@@ -84,7 +84,7 @@ pub enum ProcrustesWarning {
         /// The warning.
         warning: AlignWarning,
     },
-    /// The mean's first-order ellipsoid is nearly round: the group's pose has little meaning.
+    /// The mean's first-order ellipsoid is nearly round, so the group's pose has little meaning.
     NearlyRound {
         /// The smallest ratio of neighbouring axes.
         ratio: f64,
@@ -153,7 +153,8 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the warning's text, with members named by `name`. A list names at most 12 members.
+    /// Returns the warning's text. `name` returns the name of the member with a given index. The text lists at most 12
+    /// members by name.
     pub fn naming(&self, name: impl Fn(usize) -> String) -> String {
         const MOST: usize = 12;
         match (self, self.member()) {

@@ -1,7 +1,7 @@
 //! Computes the quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
 //!
-//! S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT", Acta Cryst. A62
-//! (2006), with the signs of the canonical basis:
+//! The recurrence is from S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT",
+//! Acta Cryst. A62 (2006). With the signs of the canonical basis, it is
 //!
 //! ```text
 //! Delta_{0,l}^2 = prod_{j=1..l} (2j-1)/(2j),   Delta_{i,l}^2 = Delta_{i-1,l}^2 (l-i+1)/(l+i)
@@ -9,10 +9,12 @@
 //! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
-//! A row starts with its smallest values, as small as 2^-l, which grow until `i^2 + k^2 <= l^2` and then oscillate. The
-//! recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would underflow at the start,
-//! and the values that grow from there would be wrong, by 27 % in a column's norm at degree 3,000. While a row's values
-//! are below 2^-80, the row is *hidden* and treated as zero. At degree 3,000 the last row starts at 2^-3000.
+//! A row starts with its smallest values, which may be as small as 2^-l. The values grow until `i^2 + k^2 <= l^2`, and
+//! then oscillate. The recurrence is stable in both parts. **Each row has its own exponent.** Without it, the first
+//! values would underflow, and all later values of the row would be wrong. At degree 3,000, the error of a column's
+//! norm would be 27 %. While a row's values are tiny, the row is *hidden* and treated as zero. The row becomes visible
+//! at the first check of its exponent at which its values exceed 2^-120. At degree 3,000 the last row starts at
+//! 2^-3000.
 //!
 //! Rows are independent, so several are computed together, one per SIMD lane. Cost: 3 flops per value; `O(l)` memory.
 
@@ -23,12 +25,14 @@ use spharm_harmonics::double_double::DoubleDouble;
 pub(crate) const BLOCK: usize = 8;
 /// Number of rows that [`dense`] computes together.
 pub(crate) const LANES: usize = 8;
-/// Factor by which hidden values are scaled once or repeatedly for storage: 2^512.
+/// The values of hidden rows (see the [module](self)) are multiplied by this factor, 2^512, once or repeatedly, before
+/// they are stored.
 const HIDDEN_SCALE: f64 = f64::from_bits((1023 + 512) << 52);
 const HIDDEN_INVERSE: f64 = f64::from_bits((1023 - 512) << 52);
-/// Threshold above which a stored value is scaled down. A row is therefore accurate for values above 2^-120.
+/// Stored values of hidden rows are scaled down when they exceed this threshold. At the last scaling, by which the row
+/// becomes visible, the threshold corresponds to a value of 2^-120.
 const LARGE: f64 = f64::from_bits((1023 + 392) << 52);
-/// Threshold below which a row's first value makes the row start as hidden: 2^-120.
+/// A row whose first value is below this threshold, 2^-120, starts as hidden: it is treated as zero at first.
 const SMALL: f64 = f64::from_bits((1023 - 120) << 52);
 
 /// Squares of the corner elements, `Delta_{0,l}^2`, for the degrees l from 0 to L.
@@ -49,28 +53,32 @@ impl Centre {
     }
 }
 
-/// Factors shared by the rows of one degree, and the first value of each row. Step t computes the element k = l - t.
+/// Factors of the recurrence that all rows of one degree share, and the first value of each row. Step t computes the
+/// element k = l - t.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Quarter {
     /// Degree l of the rows.
     pub(crate) degree: usize,
-    /// Factors `1/sqrt(q)` of the step from t to t + 1, zero from t = l on. The length is a multiple of [`BLOCK`].
+    /// Factors `1/sqrt(q)` of the recurrence (see the [module](self)), one for the step from each t to t + 1. Factors
+    /// from t = l on are zero and pad the array to a multiple of [`BLOCK`].
     pub(crate) first: Vec<f64>,
-    /// Factors `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1, as many as `first` has.
+    /// Factors `sqrt((l-k-1)(l+k+2)/q)` (see the [module](self)) of the step from t to t + 1. Their number is that of
+    /// `first`.
     pub(crate) second: Vec<f64>,
-    /// Stored values of `Delta_{i,l}` by parity p of i, for i = p, p + 2, ..., padded with zeros to a multiple of
-    /// [`LANES`].
+    /// Stored first values `Delta_{i,l}` of the rows i: an array for even i and an array for odd i, each padded with
+    /// zeros to a multiple of [`LANES`].
     pub(crate) starts: [Vec<f64>; 2],
-    /// Number of times that each stored value was multiplied by 2^512, by parity of i.
+    /// For each value in `starts`, the number of times that it was multiplied by 2^512.
     pub(crate) exponents: [Vec<i32>; 2],
 }
 
-/// Returns the number of steps for a degree, rounded up to a multiple of [`BLOCK`].
+/// Returns the number of steps of the recurrence for a degree, rounded up to a multiple of [`BLOCK`].
 pub(crate) const fn steps(degree: usize) -> usize {
     (degree + 1).next_multiple_of(BLOCK)
 }
 
-/// Returns the number of rows of one parity at a degree, rounded up to a multiple of `width`.
+/// Returns the number of rows of the quarter `Delta_{i,k}` (see the [module](self)) whose index i, 0 <= i <= `degree`,
+/// has the given parity. The number is rounded up to a multiple of `width`.
 pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
     ((degree + 2 - parity) / 2).next_multiple_of(width)
 }
@@ -84,7 +92,8 @@ impl Quarter {
             steps_of.clear();
             steps_of.resize(steps(l), 0.0);
         }
-        // For the step from t - 1 to t = l - k, q is t (2l + 1 - t), and (l-k-1)(l+k+2) is (t - 1)(2l + 2 - t).
+        // In terms of the step's number t = l - k, the factors of the recurrence are q = t (2l + 1 - t) and
+        // (l-k-1)(l+k+2) = (t - 1)(2l + 2 - t).
         let sum = (2 * l + 1) as f64;
         for (i, (first, second)) in self.first.iter_mut().zip(&mut self.second).take(l).enumerate() {
             let t = (i + 1) as f64;
@@ -114,7 +123,8 @@ impl Quarter {
     }
 }
 
-/// States how many of the rows that are computed together are hidden.
+/// Whether all, some or none of the rows that are computed together are hidden. Hidden rows are treated as zero,
+/// because their values are still tiny.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hidden {
     /// All rows are hidden.
@@ -125,7 +135,7 @@ pub(crate) enum Hidden {
     None,
 }
 
-/// State of the recurrence for `W` rows of one parity.
+/// State of the recurrence for `W` rows i, which are all even or all odd.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rows<const W: usize> {
     /// Factor `-2i` of the recurrence for each row i.
@@ -138,7 +148,7 @@ pub(crate) struct Rows<const W: usize> {
 }
 
 impl<const W: usize> Rows<W> {
-    /// Starts the rows `i = parity + 2 (at + lane)` at step t = 0.
+    /// Starts the recurrence of the rows with index `i = parity + 2 (at + lane)`, at step t = 0.
     #[inline(always)]
     pub(crate) fn start(quarter: &Quarter, parity: usize, at: usize) -> Self {
         let (mut now, mut exponents) = ([0.0; W], [0; W]);
@@ -148,7 +158,7 @@ impl<const W: usize> Rows<W> {
         Self { order, now, before: [0.0; W], exponents }
     }
 
-    /// Advances one step, with the factors `first` and `second` from the [`Quarter`].
+    /// Computes the next element of each row. `first` and `second` are the factors of this step from the [`Quarter`].
     #[inline(always)]
     pub(crate) fn step(&mut self, first: f64, second: f64) {
         for lane in 0..W {
@@ -174,7 +184,8 @@ impl<const W: usize> Rows<W> {
         self.exponents.map(|e| if e == 0 { 1.0 } else { 0.0 })
     }
 
-    /// Scales down values that have grown; must be called every [`BLOCK`] steps while rows are hidden.
+    /// Scales down values of hidden rows that have grown. Must be called every [`BLOCK`] steps while rows are hidden,
+    /// that is, treated as zero because their values are tiny.
     #[inline(always)]
     pub(crate) fn rescale(&mut self) {
         for lane in 0..W {
@@ -187,8 +198,8 @@ impl<const W: usize> Rows<W> {
     }
 }
 
-/// Returns the quarter of a degree as an (l+1) x (l+1) matrix, row by row, of `8 (l+1)^2` bytes. It is used for
-/// searches at low degrees, and as the reference in tests.
+/// Returns the quarter of Wigner's matrix (see the [module](self)) of degree l as an (l+1) x (l+1) matrix, row by row.
+/// The matrix takes `8 (l+1)^2` bytes. It is used for searches at low degrees, and as the reference in tests.
 pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
     let mut quarter = Quarter::default();
     quarter.set(degree, centre, LANES);
@@ -231,8 +242,8 @@ mod tests {
     fn rows_have_norm_one_beyond_the_range_of_doubles() {
         for degree in [0, 1, 2, 7, 8, 9, 60, 500, 1_500, 3_000] {
             let worst = worst_norm(degree);
-            // The worst row has i near l, for which the recurrence is worst conditioned. The mean error of the rows
-            // is a tenth of the worst one.
+            // The row with the largest error has i near l, for which the recurrence is worst conditioned. The mean
+            // error of the rows is a tenth of the largest error.
             assert!(worst < 1e-16 * degree.max(20) as f64, "degree {degree}: {worst:e}");
         }
     }

@@ -9,10 +9,11 @@
 //! ```
 //!
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
-//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton steps with Levenberg's damping, in a
-//! metric given by the squared lengths of the six directions. The Gauss-Newton matrix equals Newton's if g = Q R f,
-//! and the damping keeps steps short far from the optimum. Convergence is quadratic even if the surfaces differ. If
-//! the pose is known ([`Space::Fixed`]), only R varies.
+//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton steps with Levenberg's damping. The metric
+//! of the damping is given by the squared lengths of the six directions of rotation. The damping keeps steps short far
+//! from the optimum. The matrix of second derivatives is used instead of the Gauss-Newton matrix, which equals it only
+//! if g = Q R f. Therefore convergence is quadratic even if the surfaces differ. If the pose is known
+//! ([`Space::Fixed`]), only R varies.
 
 use spharm_monitor::Monitor;
 
@@ -49,17 +50,18 @@ pub(crate) struct Fit {
     /// Smallest second derivative of the distance along any direction in the space of rotations, divided by the squared
     /// length of the direction. It is about zero if some rotation leaves the distance unchanged.
     pub(crate) stiffness: f64,
-    /// Singular values of `sum g (R f)^T`, the last one with the sign of the determinant.
+    /// Singular values of the 3 x 3 matrix `sum g (R f)^T`, a sum over the coefficients of f and g. The last singular
+    /// value has the sign of the determinant.
     pub(crate) singular_values: [f64; 3],
 }
 
 /// Maximum number of steps; about a dozen are typical.
 const STEPS: usize = 60;
-/// The refinement ends after a step shorter than this, in radians, because the next step would be of the order of its
-/// square.
+/// The refinement ends after a step shorter than this length, in radians, because the length of the next step would be
+/// of the order of the square of this length.
 const LAST: f64 = 1e-9;
 
-/// State of a refinement: a rotation, the rotated f, and its distance from the target.
+/// State of a refinement: a rotation R, the rotated coefficients R f, and their distance from the target.
 struct State {
     rotation: Rotation,
     rows: Vec<[f64; 3]>,
@@ -95,7 +97,8 @@ impl Space {
 }
 
 /// Refines the alignment of the surface `f` to a target, starting from the rotation `start`. `f` is (K, 3) and has norm
-/// 1, with row 0 set to zero. Stops early if the monitor cancels, which the caller has to check.
+/// 1, with row 0 set to zero. Stops early if the monitor cancels. The caller has to check whether the monitor
+/// cancelled.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -126,7 +129,8 @@ pub(crate) fn refine(
             if let Some(step) = model.step(damping) {
                 size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
-                // Near the optimum, differences between distances are rounding errors.
+                // Near the optimum, differences between distances are rounding errors, so small steps are always
+                // accepted.
                 if trial.distance < state.distance || size < LAST {
                     next = Some(trial);
                     break;
@@ -177,12 +181,13 @@ pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
     sum
 }
 
-/// Quadratic model of phi in the variables (w, v).
+/// Quadratic model of the objective phi in the rotation vectors (w, v), which are defined in the [module](self).
 #[derive(Debug)]
 struct Model {
     gradient: [f64; 6],
     hessian: [[f64; 6]; 6],
-    /// Squared lengths of the six directions of rotation.
+    /// Squared norms of the derivatives of the surface's coefficients with respect to the six rotation angles: three of
+    /// the parameters, then three of space.
     metric: [f64; 6],
 }
 
@@ -192,7 +197,8 @@ impl Model {
         let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
         let own = generators(&state.rows);
         let mut model = Self { gradient: [0.0; 6], hessian: [[0.0; 6]; 6], metric: [0.0; 6] };
-        // The matrix N = sum g (Q R f)^T is symmetric because Q is the best rotation.
+        // The matrix N = sum g (Q R f)^T, over the rows g of the target and R f of the rotated surface, is symmetric
+        // because Q is the best rotation.
         let n = product(&state.correlation, &transposed(q));
         let total = n[0][0] + n[1][1] + n[2][2];
         let norms: [f64; 3] = std::array::from_fn(|c| state.rows.iter().map(|row| dot(&q[c], row).powi(2)).sum());
@@ -207,7 +213,8 @@ impl Model {
                 model.hessian[i][j] += both;
                 model.hessian[j][i] += both;
                 model.hessian[3 + i][3 + j] = if i == j { total } else { 0.0 } - (n[i][j] + n[j][i]) / 2.0;
-                // The mixed derivatives use <g, e_j x y> = g_k y_i - g_i y_k, with i and k the next two axes after j.
+                // The mixed derivatives use <g, e_j x y> = g_k y_i - g_i y_k for vectors g and y, with i and k the two
+                // axes after j.
                 let (next, last) = ((j + 1) % 3, (j + 2) % 3);
                 let mixed = p[last][next] - p[next][last];
                 (model.hessian[i][3 + j], model.hessian[3 + j][i]) = (mixed, mixed);
@@ -223,7 +230,8 @@ impl Model {
         model
     }
 
-    /// Holds Q fixed: removes its coupling with R, and sets its part of the gradient to zero.
+    /// Holds the rotation Q of space fixed: removes its coupling with the rotation R of the parameters, and sets its
+    /// part of the gradient to zero.
     fn hold_space(&mut self) {
         for j in 3..6 {
             self.gradient[j] = 0.0;
@@ -234,7 +242,8 @@ impl Model {
         }
     }
 
-    /// Returns the damped step to the minimum of the model, or `None` if there is no minimum.
+    /// Returns the damped step to the minimum of this quadratic model of the objective, or `None` if the model has no
+    /// minimum.
     fn step(&self, damping: f64) -> Option<[f64; 6]> {
         // The floor makes the matrix positive definite even if the distance is constant along some direction.
         let floor = 1e-14 * self.metric.iter().sum::<f64>() + f64::MIN_POSITIVE;

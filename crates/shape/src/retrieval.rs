@@ -4,11 +4,11 @@
 //! between the singular values of a model and of the query is a lower bound of the distance between the aligned
 //! surfaces at equal directions. [`Library::nearest`] sorts by that bound. [`Library::refined`] aligns candidates in
 //! the order of their bounds, until the next bound exceeds the distances found. If the alignment finds the best
-//! rotation, the result is the same as after aligning every model, at the cost of aligning only a few.
+//! rotations, the result is the same as after aligning every model, although only a few models are aligned.
 //!
-//! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
-//! degrees, whose singular values are small, weigh as much as low ones. This metric recognises a shape among many if
-//! each degree is perturbed in proportion to its size. Its score isn't a distance between surfaces.
+//! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library. High degrees,
+//! whose singular values are small, then have the same weight as low degrees. This metric recognises a shape among many
+//! if each degree is perturbed in proportion to its size. Its score isn't a distance between surfaces.
 //!
 //! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 models at L = 15.
 
@@ -120,11 +120,11 @@ impl Library {
     }
 
     /// Returns the `count` models nearest to a query after alignment, nearest first. `align` returns the root mean
-    /// square distance of an aligned model from the query, given the model's index in the library. It is called only
-    /// as often as the bounds require, and at most `most` times.
+    /// square distance of an aligned model from the query, given the model's index in the library. The function `align`
+    /// is called only for the models that the bounds don't exclude, and at most `most` times.
     ///
-    /// `align` must compare the same degrees as the library, at unit size if the library does. Calls are sequential,
-    /// so each call can use all threads.
+    /// `align` must compare the same degrees as the library. If the library scales models to size 1, `align` must do so
+    /// as well. Calls are sequential, so each call can use all threads.
     ///
     /// # Errors
     ///
@@ -220,8 +220,8 @@ fn check_channels(expected: usize, model: &Descriptors) -> Result<(), ShapeError
     Err(ShapeError::Differ { what: "channels of a model", expected, found: model.channels })
 }
 
-/// Returns a model's singular values up to a degree. Scaling to unit size takes only these degrees into account, so
-/// that all models are compared alike.
+/// Returns a model's singular values up to a degree. Scaling to unit size uses only these degrees, so that models of
+/// different degrees are scaled in the same way.
 fn row(model: &Descriptors, degree: usize, unit_size: bool) -> Vec<f64> {
     let model = model.up_to(degree);
     if unit_size { model.unit_size().singular_values } else { model.singular_values }
@@ -267,7 +267,8 @@ mod tests {
         }
     }
 
-    /// In this test `align` returns the distance without an alignment, for which the bounds hold as well.
+    /// In this test `align` returns the distance of the models in their given poses. The bounds hold for this distance
+    /// as well.
     #[test]
     fn refining_finds_what_comparing_all_finds_with_fewer_comparisons() {
         let models: Vec<Coefficients> = (0..300).map(|seed| model(4, seed)).collect();

@@ -1,14 +1,15 @@
 //! Rotates the parameters of functions on the sphere, given their coefficients.
 //!
-//! A rotation R rotates the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the
-//! vertex at direction u moves to direction R u. The coefficients of each degree are mixed only with each other, by
-//! `D = Z(al) J Z(be) J Z(ga)`. Z(t) is the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either
-//! sign, and J is the half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
+//! A rotation R rotates the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the vertex
+//! at direction u moves to direction R u. A rotation multiplies the coefficients of each degree by the matrix `D =
+//! Z(al) J Z(be) J Z(ga)`, and doesn't mix degrees. Z(t) is the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}`
+//! for m of either sign, and J is the half turn about (y + z)/sqrt2. Rotations of space are in
+//! [`transform`](crate::transform).
 //!
 //! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L. Memory, in addition to the coefficients and the result:
 //! `48 (L+1)` bytes, and `O(L)` in each thread. Degrees are independent of each other and their results don't depend on
-//! the number of threads. Errors are a few 1e-16 of the largest value at degree 100, and 1e-13 at degree 2,000, where
-//! rounding of the rotation matrix's elements dominates.
+//! the number of threads. Errors, relative to the largest value, are a few 1e-16 at degree 100, and 1e-13 at degree
+//! 2,000. At degree 2,000 the rounding of the rotation matrix's elements dominates.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -64,7 +65,7 @@ pub fn rotate_parameters(
     Ok(Coefficients::new(rotated.unwrap_or_default())?)
 }
 
-/// Values of cos(m t) and sin(m t) for the three rotations about z, with t = al, be and ga.
+/// Values of cos(m t) and sin(m t) for each of the rotation's Euler angles, t = al, be and ga.
 #[derive(Debug)]
 struct Turns([Vec<[f64; 2]>; 3]);
 
@@ -116,8 +117,8 @@ fn rotate_degree(
     }
 }
 
-/// Rotates coefficients up to a fixed degree repeatedly in one thread, and keeps the data that all rotations share,
-/// which take `8 (L+1)^2` bytes.
+/// Rotates coefficients up to a fixed degree repeatedly in one thread. The data that all rotations share take `8
+/// (L+1)^2` bytes.
 #[derive(Debug)]
 pub(crate) struct Rotator {
     quarters: Vec<Quarter>,

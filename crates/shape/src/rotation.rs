@@ -2,7 +2,7 @@
 //!
 //! A rotation R moves the point u to R u. Euler angles are in radians, `R = Rz(al) Ry(be) Rz(ga)`, with al and ga in
 //! (-pi, pi] and be in [0, pi]: R rotates first about z by ga, then about y by be, then about z by al. A matrix that
-//! mirrors is rejected rather than corrected, so that a [`Rotation`] is never a reflection.
+//! includes a reflection is rejected, not corrected, so a [`Rotation`] is never a reflection.
 
 use std::ops::Mul;
 
@@ -14,7 +14,7 @@ pub use crate::matrix3::Matrix3;
 use crate::matrix3::{IDENTITY, determinant, product, transposed};
 use spharm_surface::kabsch::kabsch;
 
-/// Largest deviation of any element of `R^T R` from the identity for which a matrix is accepted as a rotation.
+/// A matrix R is accepted as a rotation if no element of `R^T R` deviates from the identity by more than this value.
 pub const ORTHOGONALITY_TOLERANCE: f64 = 1e-6;
 
 /// A rotation of space: an orthogonal matrix of determinant 1.
@@ -42,8 +42,8 @@ impl Rotation {
     /// The rotation by 180 degrees about the first axis.
     pub(crate) const HALF_TURN_X: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]] };
 
-    /// Creates a rotation from a matrix, given by rows. The matrix is replaced by the nearest orthogonal one, because a
-    /// matrix from a file may have few digits.
+    /// Creates a rotation from a matrix, given by rows. The matrix is replaced by the nearest orthogonal matrix,
+    /// because a matrix from a file may have few digits.
     ///
     /// # Errors
     ///
@@ -178,8 +178,8 @@ impl Rotation {
         self.turns().map(|turn| turn.sin.value().atan2(turn.cos.value()))
     }
 
-    /// Returns the rotations by al, be and ga. ga is read from R after removing Rz(al), so that the product equals R
-    /// to rounding error, however small be is.
+    /// Returns the rotations by the Euler angles al, be and ga. The angle ga is computed from R after removing Rz(al),
+    /// so the product of the three rotations equals R to rounding error, even if be is tiny.
     pub(crate) fn turns(&self) -> [Turn; 3] {
         let exact = self.matrix.map(|row| row.map(Number::new));
         let alpha = Turn::of(exact[0][2], exact[1][2]);
@@ -200,8 +200,8 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle in double-double precision. Cosines and sines of m times the angle, computed as
-/// powers, are then accurate to one rounding error, whereas the error of `cos(m t)` for a rounded angle t is m
+/// Cosine and sine of an angle in double-double precision. Cosines and sines of m times the angle are computed as
+/// powers, and are accurate to one rounding error. For comparison, the error of `cos(m t)` for a rounded angle t is m
 /// rounding errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
@@ -282,8 +282,8 @@ mod tests {
     }
 
     proptest! {
-        /// The Euler angles reproduce the rotation, even near beta = 0 and pi, at which alpha and gamma are
-        /// undetermined separately.
+        /// The Euler angles reproduce the rotation, even near beta = 0 and pi. At beta = 0 and pi, only the sum or the
+        /// difference of alpha and gamma is determined.
         #[test]
         fn euler_angles_give_the_rotation_back(a in -3.1..3.1, b in 0.0..3.1, c in -3.1..3.1, small in 0i32..18) {
             let near = 10.0_f64.powi(-small);

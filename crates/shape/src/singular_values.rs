@@ -1,13 +1,13 @@
 //! Computes singular values of matrices with few columns, to full relative accuracy.
 //!
-//! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the
-//! singular values. Small singular values keep full accuracy, unlike the square roots of the eigenvalues of `A^T A`,
-//! which lose half of the digits (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: about 6 n c^2
-//! flops per sweep; three columns take 4 to 6 sweeps.
+//! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal. The lengths of the
+//! resulting columns are the singular values. Small singular values keep full accuracy, unlike the square roots of the
+//! eigenvalues of `A^T A`, which lose half of the digits (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13
+//! (1992)). Cost: about 6 n c^2 flops per sweep; three columns take 4 to 6 sweeps.
 
 use ndarray::ArrayView2;
 
-/// Maximum number of sweeps, which is never reached; a matrix of three columns takes 4 to 6.
+/// Maximum number of sweeps. It is never reached: a matrix of three columns takes 4 to 6 sweeps.
 const MOST_SWEEPS: usize = 60;
 
 /// Returns the c singular values of a matrix (n, c), largest first; values beyond the matrix's rank are 0 to rounding

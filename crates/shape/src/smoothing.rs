@@ -11,9 +11,10 @@ use spharm_monitor::number;
 
 use crate::heat::HeatKernel;
 
-/// Name of the provenance field that keeps the penalty of a fit after the settings of the fit are omitted.
+/// Name of the provenance field that stores the penalty of a fit if the settings of the fit are omitted.
 const PENALTY: &str = "fit_penalty";
-/// Largest relative difference between equal times of diffusion, which are sums.
+/// Two times of diffusion are treated as equal if their relative difference is at most this value, because they are
+/// sums with rounding errors.
 const ROUNDING: f64 = 1e-9;
 /// Maximum number of kinds of smoothing that a message lists.
 const LISTED: usize = 5;
@@ -22,7 +23,7 @@ const LISTED: usize = 5;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Penalty {
-    /// No penalty, the default penalty, or a model without a record of its fit.
+    /// No penalty, the default penalty, or an unknown penalty of a model without a record of its fit.
     Default,
     /// A given smoothness penalty, lambda.
     Fixed(f64),
@@ -46,9 +47,9 @@ pub struct Smoothing {
 pub struct SmoothedAlike {
     /// The smoothing of these models.
     pub smoothing: Smoothing,
-    /// Number of these models.
+    /// Number of models with this smoothing.
     pub count: usize,
-    /// Index of the first of these models, counted from 0.
+    /// Index of the first model with this smoothing, counted from 0.
     pub first: usize,
 }
 
@@ -64,7 +65,8 @@ impl Penalty {
         Self::of(settings.smoothness_choice.as_deref(), settings.smoothness)
     }
 
-    /// Returns the penalty with the given name. Models of version 0.1 have no name.
+    /// Returns the penalty with the given name and weight lambda. Models written by version 0.1 have no name of the
+    /// penalty.
     fn of(name: Option<&str>, lambda: f64) -> Self {
         match name {
             Some("denoise") => Self::Denoise,
@@ -148,8 +150,9 @@ impl fmt::Display for SmoothingDiffers {
     }
 }
 
-/// Keeps the penalty of a fit in `kept`, the other fields of a provenance, for a model whose `settings` are omitted
-/// because its coefficients change. The default penalty isn't kept.
+/// Adds the penalty of a fit to `kept`, the other fields of a provenance. Intended for models whose coefficients
+/// change: their provenance omits the `settings` of the fit, but should keep the penalty. The default penalty isn't
+/// added.
 pub fn keep_penalty(settings: Option<&Settings>, kept: &mut Map<String, Value>) {
     if let Some(settings) = settings.filter(|settings| Penalty::of_settings(settings) != Penalty::Default) {
         let (choice, lambda) = (&settings.smoothness_choice, settings.smoothness);

@@ -1,8 +1,8 @@
 //! Computes the correlations of two surfaces at all rotations of a grid.
 //!
 //! The correlation `M_ij(R) = <g_i, R f_j>` is a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga). It is computed from
-//! the degrees 1 to B - 1. P. Kostelec and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal. Appl. 14 (2008):
-//! for each be
+//! the degrees 1 to B - 1, by the method of P. Kostelec and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal.
+//! Appl. 14 (2008). For each be
 //!
 //! ```text
 //! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),  M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
@@ -11,7 +11,7 @@
 //!
 //! with complex coefficients in the Condon-Shortley phase. The grid has 2B equally spaced values of al and of ga,
 //! starting at 0, and the B values `(k + 1/2) pi/B` of be. Cost: `O(B^4)` for the nine sums and `O(B^3 log B)` for
-//! their Fourier transforms; the table of d takes `32/3 B^4` bytes, and each thread takes `400 B^2` bytes.
+//! their Fourier transforms. Memory: `32/3 B^4` bytes for the table of d, and `400 B^2` bytes in each thread.
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -36,7 +36,8 @@ fn score(m: &Matrix3, space: Space) -> f64 {
 /// The grid and its precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
-    /// Wigner's d matrices by be and degree, each (2l + 1, 2l + 1) row by row.
+    /// Wigner's d matrices for each value of the second Euler angle, `be`, and each degree l. Each matrix is stored as
+    /// (2l + 1, 2l + 1), row by row.
     wigner: Vec<Vec<Vec<f64>>>,
     fft: Arc<dyn Fft<f64>>,
 }
@@ -61,8 +62,9 @@ impl So3Grid {
         Self { bandwidth, wigner: wigner.collect(), fft: plan_forward(2 * bandwidth) }
     }
 
-    /// Returns the best local maxima of `tr Q^T M` over the allowed matrices Q, at most `most`, best first. Of maxima
-    /// closer to each other than the grid's step, only the best is kept.
+    /// Returns the best rotations R of the grid: the local maxima of `tr Q^T M(R)`, with M the correlation of `f` and
+    /// `g` and Q the best allowed matrix for R. At most `most` maxima are returned, best first. Of maxima closer to
+    /// each other than the grid's step, only the best is kept.
     pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], space: Space, most: usize) -> Vec<Peak> {
         let degrees = self.bandwidth.min(f.len().isqrt()).min(g.len().isqrt());
         let (f, g) = (complex(f, degrees), complex(g, degrees));
@@ -102,13 +104,14 @@ impl So3Grid {
         peaks
     }
 
-    /// Returns the rotation of a grid point, given the indices of al, be and ga.
+    /// Returns the rotation of a grid point, given the indices of its Euler angles al, be and ga.
     fn rotation(&self, [a, b, c]: [usize; 3]) -> Rotation {
         let step = PI / self.bandwidth as f64;
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// Returns the matrices M for one value of be, as a row-major array (ga, al).
+    /// Returns the correlations M at the grid points whose Euler angle be has the index `at`, as a row-major array over
+    /// the Euler angles (ga, al).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];

@@ -1,15 +1,16 @@
 //! Tests groups and covariates at every vertex, with family-wise and false-discovery control.
 //!
-//! A study has n subjects and a measurement of d components at each of V vertices of a common sampling: a displacement
-//! along the mean's normal (d = 1), a displacement in space (d = 3), thickness. At each vertex the linear model
+//! A study has n subjects and a measurement of d components at each of V vertices of a common sampling. Examples are a
+//! displacement along the mean's normal (d = 1), a displacement in space (d = 3), and a thickness (d = 1). At each
+//! vertex the linear model
 //!
 //! ```text
 //! Y = X B + E,   X (n, p), B (p, d),   H0: c^T B = 0
 //! ```
 //!
-//! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. To compare two groups, use a
-//! design with one column for each group and the contrast (1, -1): this is the pooled t test. Rows must be
-//! independent subjects, unless [`Blocks`] define which of them depend on each other.
+//! is tested. The statistic is t for d = 1, Hotelling's `T^2` for d > 1, and F for several contrasts at once. To
+//! compare two groups by the pooled t test, use a design with one column for each group and the contrast (1, -1). Rows
+//! must be independent subjects, unless [`Blocks`] define which rows depend on each other.
 //!
 //! # Modules
 //!
@@ -92,13 +93,14 @@ pub use terms::{Column, Term};
 pub struct TestParams {
     /// Relabellings for family-wise p values; `None` omits these p values. Default: 10,000 relabellings with seed 0.
     pub permutations: Option<PermutationParams>,
-    /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
+    /// Whether two groups are tested by Welch's t or Welch's `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
-    /// Variance group of each subject (n), numbered from 0. The statistic is then Aspin and Welch's v, or G for several
-    /// contrasts. Default: one group, with the pooled statistic.
+    /// Variance group of each subject (n), numbered from 0. With variance groups, the statistic is Aspin and Welch's v,
+    /// or its generalisation G if the contrast has several rows. Default: one group, with the pooled statistic.
     pub variance_groups: Option<Vec<usize>>,
-    /// Kind of relabelling, which implies an assumption about the errors. Default: permutations of subjects; sign
-    /// flips for means, which permutations don't change, and for unequal variances.
+    /// Kind of relabelling, which implies an assumption about the errors. By default subjects are permuted, with two
+    /// exceptions. Signs are flipped for tests of means, because permutations don't change a mean, and for tests with
+    /// unequal variances.
     pub errors: Option<Resampling>,
     /// Exchangeability blocks, which restrict relabellings. Default: all subjects are exchangeable.
     pub blocks: Option<Blocks>,
@@ -147,9 +149,9 @@ pub struct Test {
 /// A test that allows unequal variances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remedy {
-    /// Welch's test, of two groups without covariates.
+    /// Welch's test of two groups without covariates.
     Welch,
-    /// Variance groups, in any design, for values of one component.
+    /// A test with variance groups, in any design, for values of one component.
     VarianceGroups,
 }
 
@@ -193,7 +195,8 @@ pub enum TestWarning {
         narrow_subjects: usize,
         /// Larger variance divided by the smaller one, both summed over all vertices.
         ratio: f64,
-        /// Test that allows unequal variances; `None` for several components and a design of more than two groups.
+        /// Test that allows unequal variances. `None` for values of several components in a design other than that of
+        /// two groups, for which there is no such test.
         remedy: Option<Remedy>,
     },
     /// Two levels of a column differ only in case or in surrounding spaces.
@@ -223,19 +226,20 @@ pub enum TestWarning {
         /// Median of the column.
         median: f64,
     },
-    /// An effect differs between blocks, but relabellings within blocks assume that it doesn't.
+    /// An effect differs between blocks, but relabellings within blocks assume equal effects.
     #[error(
         "the effect differs between blocks (F = {f:.1}, p = {p:.2e}), but relabellings within blocks assume that it is equal \
          in all blocks: p values are probably too small; compute one slope or difference from the values of each block, \
          and test these"
     )]
     UnequalEffects {
-        /// Ratio of the variance between the effects of blocks to the variance of the errors.
+        /// Variance of the effect between blocks, divided by the variance of the errors.
         f: f64,
         /// P value of the ratio.
         p: f64,
     },
-    /// Several columns vary within whole blocks and don't tell which rows of two blocks correspond.
+    /// Whole blocks are exchanged, but the columns that vary within blocks don't determine which rows of two blocks
+    /// correspond.
     #[error(
         "rows of whole blocks correspond by their order, because several columns vary within blocks and have different \
          values in each block: p values by relabelling depend on the order of the rows; sort the rows of each block by \
@@ -266,7 +270,7 @@ pub enum TestWarning {
     },
 }
 
-/// P value of equal effects of blocks below which a test warns.
+/// A test returns a warning if the p value of the hypothesis that all blocks have equal effects is below this value.
 const UNEQUAL_EFFECTS: f64 = 0.01;
 
 /// Checks the design and the settings of a test before its values are available. `components` is the number of
@@ -274,7 +278,7 @@ const UNEQUAL_EFFECTS: f64 = 0.01;
 ///
 /// # Errors
 ///
-/// Those errors of [`test`](fn@test) that depend neither on the values nor on the relabellings.
+/// The errors of [`test`](fn@test) that depend neither on the values nor on the relabellings.
 pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &TestParams) -> Result<(), ShapeError> {
     linear::check_design(components, design, contrast, params)?;
     projection::Projection::new(design, contrast)?;
@@ -356,8 +360,8 @@ pub fn test(
         warnings.extend(by_order.then_some(TestWarning::RowsByOrder));
         family_wise = found.map(|(found, _)| found);
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
-            // The statistic of each cluster is replaced by the map's value at its peak, because the two are computed in
-            // different ways and differ in the last bits.
+            // The statistic of each cluster is replaced by the map's value at the cluster's peak. The two values are
+            // computed in different ways and differ in the last bits.
             clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
         }
         if let Some(found) = &mut family_wise {

@@ -1,23 +1,25 @@
-//! Checks whether the surfaces of an aligned group lie on each other, regardless of their parameters.
+//! Checks whether the surfaces of an aligned group coincide in space, regardless of their parameters.
 //!
 //! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
-//! distance at equal directions may be wrong. Corresponding points of ten vertebrae aligned in this way were 4 to 65 mm
-//! apart, but only 4 to 7 mm after a rigid motion. So the surfaces themselves are compared: points spread evenly over
-//! the area of each surface with the nearest points of the other one. The distance
+//! distance at equal directions may be wrong. After such an alignment of ten vertebrae, the distances of corresponding
+//! points were 4 to 65 mm. After a rigid motion, they were only 4 to 7 mm. Therefore the surfaces themselves are
+//! compared. Points are spread evenly over the area of each surface, and their distances to the nearest points of the
+//! other surface are measured. The distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
-//! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member.
-//! Members are therefore also compared with the typical member, the one nearest to the mean: in their given pose,
-//! after a small rigid motion by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the
-//! best pose reduces the distance by more than [`GAIN`], the member's pose is wrong: the distances of six of the ten
-//! vertebrae fall by 36 to 69 %, whereas those of hippocampi and generated bodies in correct poses fall by at most 9
-//! %. Furthermore, if the members' distance from the mean at equal directions exceeds the distance between the
-//! surfaces by a factor above [`FAR`], equal directions don't correspond, and the group's variance is mostly variance
-//! of the maps. Because the mean may not resemble any member, distances from the typical member are checked likewise,
-//! with the factor [`FAR_FROM_A_MEMBER`].
+//! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member. Members
+//! are therefore also compared with the typical member, which is the member nearest to the mean. These distances are
+//! measured in the given pose, after a small rigid motion by nearest points, and in the best of all
+//! [poses](mod@spharm_surface::pose). If the best pose reduces the distance by more than [`GAIN`], the member's pose is
+//! wrong. The distances of six of the ten vertebrae fall by 36 to 69 %. The distances of hippocampi and generated
+//! bodies in correct poses fall by at most 9 %. A second check concerns the correspondence. If the members' distance
+//! from the mean at equal directions exceeds the distance between the surfaces by a factor above [`FAR`], equal
+//! directions don't correspond. The group's variance is then mostly variance of the maps to the sphere. Because the
+//! mean may not resemble any member, distances from the typical member are checked in the same way, with the factor
+//! [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: about 70 ms per member, on two threads. Memory: 2 MB per thread.
 
@@ -34,20 +36,21 @@ use crate::error::ShapeError;
 use crate::evaluated::Evaluated;
 use crate::transform::{SQRT_4_PI, Similarity};
 
-/// Relative reduction of the distance by a rotation above which a pose is reported as wrong.
+/// A member's pose is reported as wrong if a rotation reduces the member's distance from the typical member by more
+/// than this fraction.
 pub const GAIN: f64 = 0.2;
-/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces. Above
-/// it, equal directions don't correspond.
+/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces. If
+/// the ratio is above this value, equal directions don't correspond.
 pub const FAR: f64 = 2.0;
-/// Maximum ratio as in [`FAR`], for distances from the typical member instead of the mean. The limit is higher, because
-/// a member's surface has more relief than the mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ
-/// only by noise, and 2.1 for hippocampi.
+/// Maximum ratio as in [`FAR`], for distances from the typical member instead of the mean. This limit is higher than
+/// [`FAR`], because a member's surface has more relief than the mean's surface. The ratio is 2.0 to 2.3 for surfaces
+/// whose coefficients differ only by noise, and 2.1 for hippocampi.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
 /// Distances of a group's surfaces from the surface of their mean.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfacePoses {
-    /// Root mean square distance between each member's surface and the mean's, in both directions, in the surfaces'
-    /// unit.
+    /// Root mean square distance between each member's surface and the mean's surface, in both directions, in the
+    /// surfaces' unit.
     pub distances: Vec<f64>,
     /// Warnings about the correspondence of the group.
     pub warnings: Vec<SurfacePoseWarning>,
@@ -61,7 +64,7 @@ pub enum SurfacePoseWarning {
     Turned {
         /// Index of the member, from 0.
         member: usize,
-        /// Index of the typical member, with which the member is compared: the one nearest to the mean.
+        /// Index of the typical member, with which the member is compared. It is the member nearest to the mean.
         typical: usize,
         /// Distance between the surfaces.
         distance: f64,
@@ -139,8 +142,8 @@ pub fn surface_poses(
     };
     let distances: Vec<Result<f64, ShapeError>> = (0..members.len()).into_par_iter().map(from_mean).collect();
     let distances = distances.into_iter().collect::<Result<Vec<f64>, _>>()?;
-    // If many poses are wrong, the mean resembles no member, so members are compared with the member nearest to the
-    // mean.
+    // If many poses are wrong, the mean resembles no member. Therefore members are compared with the member nearest to
+    // the mean.
     let candidates = (0..distances.len()).filter(|member| !except.contains(member));
     let Some(typical) = candidates.min_by(|a, b| distances[*a].total_cmp(&distances[*b])) else {
         return Ok(SurfacePoses { distances, warnings: Vec::new() });
@@ -163,8 +166,8 @@ pub fn surface_poses(
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
-    // A mean that includes mirror images (`except`) resembles no member, so members are compared with it only if there
-    // are none.
+    // A mean that includes mirror images (`except`) resembles no member. Members are therefore compared with the mean
+    // only if there are no mirror images.
     let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
@@ -202,9 +205,9 @@ fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
     a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// Returns the distance of a member from the typical member, the distance in the best pose, and the angle in degrees
-/// of the rotation to that pose; `None` unless the distance falls by more than [`GAIN`]. Both distances are measured
-/// after a rigid motion by nearest points, so that only large changes of pose matter.
+/// Returns the distance of a member from the typical member, the distance in the best pose, and the angle in degrees of
+/// the rotation to the best pose. Returns `None` if the best pose doesn't reduce the distance by more than [`GAIN`].
+/// Both distances are measured after a rigid motion by nearest points, so that only large changes of pose matter.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,

@@ -2,10 +2,11 @@
 //!
 //! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which all
 //! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
-//! the templates are the medoid, whose distances from the others have the smallest sum after one alignment, and four
-//! more members, evenly spaced in the order of these sums. In groups of more than 500 members, distances are measured
-//! only to every second, third, ... member. Before distances are measured, all members are aligned to the first member,
-//! so the choice of templates depends on the order of the members.
+//! the members are ranked by the sum of their distances from the other members after one alignment. The templates are
+//! the medoid, whose sum is smallest, and four more members at evenly spaced ranks. In groups of more than 500 members,
+//! distances are measured only to a part of the members: to every second member, every third member, and so on. Before
+//! distances are measured, all members are aligned to the first member, so the choice of templates depends on the order
+//! of the members.
 
 use rayon::prelude::*;
 
@@ -13,10 +14,11 @@ use rayon::prelude::*;
 pub(crate) const ALL: usize = 20;
 /// Number of templates in a larger group.
 const FEW: usize = 5;
-/// Maximum number of members to which distances are measured; distances to more members don't change the choice.
+/// Maximum number of members to which distances are measured. Distances to more members don't change the choice of
+/// templates.
 const ENOUGH: usize = 500;
 
-/// Returns the members to use as templates: all members of a small group, otherwise the medoid and some others.
+/// Returns the members to use as templates: all members of a small group, otherwise the medoid and a few other members.
 /// `aligned` returns the surfaces after one alignment, (members, K, 3), and is called for large groups only.
 pub(crate) fn templates<E>(
     members: usize,
@@ -33,8 +35,8 @@ pub(crate) fn templates<E>(
     let sums: Vec<f64> = aligned.par_iter().map(sum).collect();
     let mut order: Vec<usize> = (0..members).collect();
     order.sort_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(a.cmp(&b)));
-    // The templates are evenly spaced over the ranks, starting with the medoid; the last ranks are outliers and
-    // aren't used.
+    // The templates are evenly spaced over the ranks, starting with the medoid. The members with the last ranks are
+    // outliers and aren't used.
     Ok((0..wanted).map(|n| order[n * members / wanted]).collect())
 }
 
@@ -49,7 +51,8 @@ mod tests {
 
     #[test]
     fn the_medoid_is_first_in_a_large_group() {
-        // The members are points on a line at 0, 1, 4, 9, ..., of which the median has the smallest sum of distances.
+        // The members are points on a line at 0, 1, 4, 9, and so on. The median point has the smallest sum of
+        // distances.
         let aligned = || Ok::<_, ()>((0..25).map(|i| vec![[(i * i) as f64, 0.0, 0.0]]).collect());
         let found = templates(25, None, aligned).unwrap();
         assert_eq!((found[0], found.len()), (12, FEW));

@@ -20,7 +20,8 @@ use crate::smoothing::keep_penalty;
 /// Coefficient of the constant function 1 in row 0: sqrt(4 pi).
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 
-/// A transform of a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) if `antipodal`.
+/// A transform of a surface: `f'(u) = scale Q f(R^T u) + translation`. If `antipodal` is set, f(R^T u) is replaced by
+/// f(-R^T u).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Transform {
     /// Rotation R of the parameters.
@@ -37,11 +38,11 @@ impl Transform {
     /// sphere: `f'(u) = M f(M u)` with `M = diag(-1, 1, 1)`. Normals stay outward.
     #[must_use]
     pub const fn reflection() -> Self {
-        // M is a half turn about the first axis, followed by the reflection of all axes.
+        // M = diag(-1, 1, 1) is a half turn about the first axis, followed by the reflection of all axes.
         Self { rotation: Rotation::HALF_TURN_X, antipodal: true, similarity: Similarity::reflection() }
     }
 
-    /// Returns the composed transform, which applies this one first and then `next`.
+    /// Returns the composed transform, which applies this transform first and then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {
@@ -245,8 +246,8 @@ mod tests {
         }
     }
 
-    /// The mirror image at each mirrored direction is the mirror image of the surface's point, and reflecting twice
-    /// is the identity.
+    /// The point of the mirrored surface at a mirrored direction is the mirror image of the surface's point at the
+    /// direction. Reflecting twice is the identity.
     #[test]
     fn a_reflection_mirrors_surface_and_sphere() {
         let surface = blob(6, 2);
@@ -278,8 +279,8 @@ mod tests {
         assert!(apart.iter().all(|difference| difference.abs() < 1e-11));
     }
 
-    /// A mirrored surface or signal belongs to the other hemisphere. A rotation, and an inverted sphere under a surface
-    /// that isn't mirrored, change nothing.
+    /// A mirrored surface or signal belongs to the other hemisphere. The hemisphere doesn't change if the model is only
+    /// rotated, or if the sphere of a surface is inverted but the surface isn't mirrored.
     #[test]
     fn mirror_images_belong_to_the_other_hemisphere() {
         let flat = Transform { similarity: Similarity::default(), ..Transform::reflection() };

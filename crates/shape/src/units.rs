@@ -1,9 +1,9 @@
 //! Finds members of a group whose lengths seem to be in another unit than the lengths of the others.
 //!
-//! The size of a member is its root mean square radius: the norm of its coefficients without row 0, divided by
-//! `sqrt(4 pi)`. A member is reported if its size, divided by the median size, is near the ratio of two common units,
-//! and if the logarithm of this quotient is above [`FAR`] times the group's spread, 1.4826 times the median of these
-//! logarithms' absolute values.
+//! The size of a member is its root mean square radius: the norm of its coefficients without row 0, divided by `sqrt(4
+//! pi)`. A member is reported under two conditions. The quotient of its size and the median size must be near the ratio
+//! of two common units. The absolute value of the quotient's logarithm must be above [`FAR`] times the group's spread.
+//! The spread is 1.4826 times the median of these absolute values over all members.
 
 use std::fmt;
 
@@ -13,7 +13,7 @@ use spharm_monitor::number;
 use crate::outliers::{FAR, LEAST, median};
 use crate::transform::SQRT_4_PI;
 
-/// Ratios of common units of length, each with its phrase.
+/// Ratios of common units of length, each with the phrase that describes the ratio in messages.
 const FACTORS: [(f64, &str); 6] = [
     (1e-3, "1/1000 of"),
     (1.0 / 25.4, "1/25.4 of"),
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn groups_of_one_unit_are_not_warned_of() {
         assert!(other_units(&group(&[1.0, 1.2, 0.8, 4.0, 1.1])).is_empty());
-        // The sizes of this group vary as much as units do.
+        // The members' sizes differ by powers of ten, as units of length do, so the sizes don't indicate another unit.
         assert!(other_units(&group(&[1.0, 3.0, 10.0, 0.3, 0.1])).is_empty());
         // Four members are too few, and points have no size.
         assert!(other_units(&group(&[1.0, 1.0, 1.0, 10.0])).is_empty());

@@ -1,8 +1,8 @@
-//! Measures the cost of a Cholesky factor: computing it, publishing it in a store, and solving with it from the page
-//! cache.
+//! Measures the time for computing a Cholesky factor, for publishing it in a store, and for solving with the factor in
+//! the page cache.
 //!
 //! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Rates in GB/s assume that each of the two triangular solves
-//! reads the factor once, rates in GFLOP/s assume 2 K^2 flops per column.
+//! reads the factor once. Rates in GFLOP/s assume 2 K^2 flops per column.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -17,8 +17,8 @@ use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 /// A matrix that is cheap to compute: noise, with a diagonal above the noise's spectral radius of 2 sqrt(K / 3).
-/// Entries that decayed away from the diagonal would become denormal numbers, and slow arithmetic on those would
-/// distort the measurement.
+/// If the entries decreased with the distance from the diagonal, some would become denormal numbers, whose slow
+/// arithmetic would distort the measurement.
 struct Noise(usize);
 
 impl GramMatrix for Noise {

@@ -35,7 +35,7 @@ pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverEr
     if targets.nrows() != rows {
         return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });
     }
-    // Check the values in runs of rows: the loop over a run has no branches.
+    // Check the values in runs of rows, so that the loop over a run has no branches.
     let finite = |run: ArrayView2<'_, f64>| run.iter().fold(true, |all, value| all & value.is_finite());
     if targets.axis_chunks_iter(Axis(0), RUN).into_par_iter().all(finite) {
         return Ok(());

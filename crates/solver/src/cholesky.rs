@@ -6,8 +6,8 @@
 //! computed out of core: finished columns are read back from the unfinished file.
 //!
 //! An f32 factor needs half the space of an f64 factor, and half the time for solves that are bound by memory
-//! bandwidth. Its solves have a relative error of 6e-8 times the condition number of G: refine them with the operator,
-//! or use them as a preconditioner.
+//! bandwidth. Solutions by an f32 factor have a relative error of 6e-8 times the condition number of G. Refine these
+//! solutions with the operator, or use the factor as a preconditioner.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,8 +1,8 @@
 //! Arrays (n, c) that are divided into the same chunks of rows as the basis. Each chunk is contiguous and column-major.
 //!
 //! Targets are passed in this form, and are replaced by the residual in place. A chunk of the residual is then one
-//! slice that stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be
-//! assigned to threads.
+//! slice that stays in the L1 cache while a chunk of the basis is processed. Disjoint runs of chunks can be assigned to
+//! different threads.
 
 use std::ops::Range;
 

@@ -2,12 +2,12 @@
 //!
 //! N. J. Higham, "FORTRAN codes for estimating the one-norm of a real or complex matrix, with applications to condition
 //! estimation", ACM Trans. Math. Softw. 14, 1988, algorithm 4.1: Hager's algorithm with Higham's safeguards. It
-//! computes a lower bound of ||G^-1||_1 that is rarely off by more than a factor of 3. The algorithm also needs
-//! products with the transpose; since G^-1 is symmetric, these are products with G^-1 as well.
+//! computes a lower bound of ||G^-1||_1 that is rarely too small by more than a factor of 3. The algorithm also needs
+//! products with the transpose of G^-1. Because G^-1 is symmetric, these are products with G^-1 itself.
 
 /// Estimates the 1-norm of a symmetric operator (K, K). `apply` replaces a vector (K) by its product with the operator.
 pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Result<(), E>) -> Result<f64, E> {
-    /// Higham's maximum number of iterations; more than 3 are hardly ever needed.
+    /// Maximum number of iterations according to Higham. More than 3 iterations are rarely needed.
     const MOST: usize = 5;
     let norm = |v: &[f64]| v.iter().map(|x| x.abs()).sum::<f64>();
     let signs = |v: &[f64]| v.iter().map(|&x| if x >= 0.0 { 1.0 } else { -1.0 }).collect::<Vec<f64>>();
@@ -101,7 +101,7 @@ mod tests {
     /// Higham's safeguard: a vector of alternating signs detects large norms that the iteration misses.
     #[test]
     fn what_cancels_is_seen_by_alternating_signs() {
-        // Rows sum to zero: a vector of ones reveals nothing.
+        // Each row sums to zero, so the product with a vector of ones is zero and contains no information on the norm.
         let size = 6;
         let cancelling: Vec<Vec<f64>> =
             (0..size).map(|i| (0..size).map(|j| if (i + j) % 2 == 0 { 1.0 } else { -1.0 }).collect()).collect();

@@ -1,8 +1,10 @@
-//! Operations on dense matrices, on the calling thread: for matrices too small for several threads, and for threads
-//! that each process their own matrices. [`threaded`](crate::threaded) processes large matrices on several threads.
+//! Operations on dense matrices on the calling thread. They are used for matrices that are too small for several
+//! threads, and by threads that each process their own matrices. [`threaded`](crate::threaded) processes large matrices
+//! on several threads.
 //!
-//! Matrices are column-major slices. The right-hand sides and solutions (k, c) of a block are row-major, because they
-//! are summed in that order.
+//! Matrices are column-major slices, with one exception. The right-hand sides and solutions of a block of k basis
+//! functions for c targets are arrays (k, c) in row-major order, so that each part of a block uses a contiguous slice
+//! of them.
 
 use spharm_harmonics::product::Matrix;
 use spharm_linalg::{Accum, Mat, MatMut, MatRef, NoConvergence, ThinSvd, matmul};

@@ -186,7 +186,8 @@ pub enum SolverError {
         /// Number of coefficients, K.
         columns: usize,
     },
-    /// Standard errors can't be computed, because the coefficients aren't determined in spite of a penalty.
+    /// Standard errors can't be computed, because the samples and the penalty together don't determine the
+    /// coefficients.
     #[error(
         "{rows} vertices with this smoothness penalty don't determine {columns} coefficients numerically; standard errors need a {needed} smoothness penalty"
     )]
@@ -195,7 +196,8 @@ pub enum SolverError {
         rows: usize,
         /// Number of coefficients, K.
         columns: usize,
-        /// The change that is needed: `smaller` if the penalty dominates the vertices, else `larger`.
+        /// Required change of the penalty: `smaller` if the penalty dominates the data of the vertices, otherwise
+        /// `larger`.
         needed: &'static str,
     },
     /// The Gram matrix isn't numerically positive definite, so it has no Cholesky factor.

@@ -1,13 +1,14 @@
 //! Gram matrices of samplings, computed tile by tile from moments or from other sources.
 //!
-//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. From the moments of the sampling, the same matrix is
-//! computed in a time that doesn't depend on n (`spharm_transform::MomentGram`), with an error of 1e-13, the accuracy
-//! of the finest transform. In a first pass of iterative residual fitting this error causes a relative change of the
-//! msd of about 1e-10 (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the
-//! residual is computed exactly even if a step is slightly inaccurate.
+//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. From the moments of the sampling,
+//! `spharm_transform::MomentGram` computes the same matrix in a time that doesn't depend on n. The error is then 1e-13,
+//! which is the accuracy of the finest transform. In a first pass of iterative residual fitting, this error changes the
+//! mean squared distance by a relative amount of the order of 1e-10. At L = 100, the change is 5e-10 on a cortex and
+//! 6e-10 on an irregular head. Further passes correct the change, because the residual is computed exactly even if a
+//! step is slightly inaccurate.
 //!
-//! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from them by
-//! 6e-8, so that the solve of a block would be inexact. Therefore moments are only used with f64 bases.
+//! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from these
+//! harmonics by 6e-8, so that the solution of a block would be inexact. Therefore moments are only used with f64 bases.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -27,7 +28,7 @@ pub trait GramMatrix: Sync {
     fn bytes(&self) -> usize;
 
     /// Writes `G[rows, columns]` to `out`, column-major with a stride of `leading` values between columns. Every entry
-    /// is written, including those above the diagonal.
+    /// is written, including the entries above the diagonal.
     ///
     /// # Errors
     ///
@@ -62,7 +63,7 @@ impl GramMatrix for MomentGram {
         leading: usize,
     ) -> Result<(), SolverError> {
         match whole_degrees(&columns) {
-            // A diagonal tile of complete degrees is symmetric, so `block` computes it.
+            // A diagonal tile of complete degrees is computed by `block`, which makes use of the tile's symmetry.
             Some(degrees) if rows == columns && leading == rows.len() => {
                 self.block(degrees, &mut out[..rows.len() * rows.len()])
             }
@@ -191,8 +192,7 @@ pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), Solve
 ///
 /// # Errors
 ///
-/// If twice `max_degree`, the degree of the transforms, is above [`MAX_DEGREE`], and the other errors of the
-/// transforms.
+/// The errors of the transforms, for example if their degree, twice `max_degree`, is above [`MAX_DEGREE`].
 pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
     if 2 * max_degree > MAX_DEGREE {
         return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
@@ -202,7 +202,7 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
 }
 
 /// Returns the parameters of the transform for moments, whose degree is twice `max_degree`. A Gram matrix needs moments
-/// of full accuracy, since its condition number is the square of the basis's condition number.
+/// of full accuracy, because its condition number is the square of the basis's condition number.
 fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
     TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

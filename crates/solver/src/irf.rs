@@ -13,12 +13,13 @@
 //!         r -= A_d..e x
 //! ```
 //!
-//! Solving the least-squares problem of a block is one step of block Gauss-Seidel on the normal equations, so with more
-//! passes the fit converges to the full least-squares solution, for any division into blocks.
+//! Solving the least-squares problem of a block is one step of block Gauss-Seidel on the normal equations. Therefore
+//! the fit converges to the full least-squares solution with more passes, for any division into blocks.
 //!
-//! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
-//! for right-hand sides and updates, and every byte of the basis read once (twice if a block doesn't fit the budget).
-//! Later passes need only right-hand sides and updates, and are bound by memory bandwidth.
+//! For c columns, the first pass takes `n k (k + 1)` flops for the Gram matrix of each block of k columns, and
+//! `4 n K c` flops for right-hand sides and updates. The first pass reads every byte of the basis once, or twice if a
+//! block doesn't fit the budget. Later passes compute only right-hand sides and updates, and are bound by memory
+//! bandwidth.
 //!
 //! | module | contents |
 //! |---|---|
@@ -57,7 +58,7 @@ pub use plan::{IrfPlan, plan};
 pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
 pub use solver::{IrfFit, IrfSolver, solve};
 
-/// Norm of the coefficients' change, relative to the coefficients' norm, below which a refinement is the last one.
+/// A refinement is the last one if the norm of its change to the coefficients is below this fraction of their norm.
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
@@ -70,9 +71,9 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // Refinements end when rounding errors dominate: when a refinement changes the coefficients by almost
-            // nothing, or by at least half as much as the pass before it. Rank-revealing solves need no refinement,
-            // because the condition number of the Gram matrix doesn't affect them.
+            // Refinements end when rounding errors dominate. This is the case when a refinement changes the
+            // coefficients by almost nothing, or by at least half as much as the previous pass. Rank-revealing solves
+            // need no refinement, because the condition number of the Gram matrix doesn't affect them.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
@@ -113,7 +114,7 @@ impl IrfSolver<'_> {
 struct PassSummary {
     /// Squared norms (c) of the coefficients' changes.
     change: Vec<f64>,
-    /// Decreases (c) of the residual's weighted squared norms.
+    /// Amounts (c) by which the pass decreases the residual's weighted squared norms.
     energy: Vec<f64>,
     /// Bytes read from the store.
     bytes_read: u64,

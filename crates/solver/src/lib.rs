@@ -1,8 +1,9 @@
 //! Fits spherical harmonics to functions on the sphere: by iterative residual fitting over a basis that is streamed in
 //! bounded memory, and by the full least squares without a stored basis.
 //!
-//! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
-//! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
+//! The methods are described by L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical
+//! harmonics", 3DPVT 2006. The coordinates x, y and z of a surface are three columns of targets. The columns of several
+//! surfaces are fitted together.
 //!
 //! The basis matrix A (n, K) has one row for each of n directions (vertices), and one column for each of the
 //! `K = (L + 1)^2` basis functions up to degree L, in the order `l^2 + l + m`. Targets (n, c) have c columns, which are
@@ -77,7 +78,7 @@ pub use operator::{BlockOperator, DiskOperator, MemoryOperator, Residency};
 pub use operator::{DeferredOperator, MatrixFreeOperator, Operator};
 pub use residual::ResidualNorms;
 
-/// Returns the requested number of threads; 0 stands for the number of threads of the caller's rayon pool.
+/// Returns the requested number of threads; 0 means the number of threads of the caller's rayon pool.
 #[cfg(feature = "dense")]
 pub(crate) fn threads(asked: usize) -> usize {
     if asked == 0 { rayon::current_num_threads() } else { asked }

@@ -5,26 +5,28 @@
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the paper's NLSF, but A isn't stored. There are three methods:
+//! for each column f of the targets. This is the method NLSF of Shen and Chung, but A isn't stored. There are three
+//! methods:
 //!
 //! - Conjugate gradients ([`cg`]) with fast operators. On an even sampling the normal matrix `N = A^T W A + P` is
-//!   nearly a multiple of the identity, and a handful of iterations suffices. Products with N are computed from the
-//!   samples, or from moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of
-//!   samples, three columns at a time. With moments, the inverse of the density serves as a preconditioner if the
-//!   sampling is uneven, see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is
-//!   recomputed from the samples, unless its errors are estimated to be small. If the recomputed gradient misses the
-//!   tolerance, the iteration is resumed.
+//!   nearly a multiple of the identity, so a few iterations suffice. Products with N are computed from the samples, or
+//!   from moments of the sampling ([`MomentProblem`]). The cost of a product from moments doesn't depend on the number
+//!   of samples. Products from moments process three columns at a time. If moments are used and the sampling is uneven,
+//!   the inverse of the sampling density serves as a preconditioner, see
+//!   [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is recomputed from the samples,
+//!   unless its errors are estimated to be small. If the recomputed gradient misses the tolerance, the iteration is
+//!   resumed.
 //! - A Cholesky factor of N, computed from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
 //!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` meets the
 //!   tolerance or stops improving.
-//! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!   From x = 0 this tends to a solution of small norm; components that the targets determine too poorly compared with
-//!   `mu` stay small instead of growing to 1e11. Rounding errors keep it from the minimum norm, so this method isn't
-//!   used if there are fewer rows with nonzero weight than coefficients. A. Bjorck, "Numerical methods for least
-//!   squares problems" (1996), section 4.1.3.
+//! - If N is numerically singular, the factor of `N + mu I` and iterated Tikhonov regularisation,
+//!   `x += (N + mu I)^-1 g`. From x = 0 this iteration tends to a solution of small norm. Components that the targets
+//!   determine too poorly compared with `mu` stay small instead of growing to 1e11. Because of rounding errors, the
+//!   iteration doesn't reach the minimum norm, so this method isn't used if there are fewer rows with nonzero weight
+//!   than coefficients. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
-//! The module `strategy` chooses the methods, their order and their durations: its function `choose` returns a list of
-//! steps for the problem's sizes, the available data and the request. A table in that module documents the choice.
+//! The module `strategy` chooses the methods, their order and their durations. From the problem's sizes, the available
+//! data and the request, its function `choose` derives a list of steps. A table in that module documents the choice.
 //! [`Strategy::Auto`] iterates first, by moments if they pay off, and switches from iterations to a factor if the
 //! factor seems faster. The plan is logged as a detail; the report contains the steps taken ([`StepReport`]) and the
 //! accuracy of the result.

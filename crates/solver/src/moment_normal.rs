@@ -45,9 +45,9 @@ impl MomentNormal {
     /// Returns the approximate inverse; `None` if an inverse doesn't pay off for this sampling.
     pub fn inverse(&self) -> Option<&InverseDensity> {
         if self.inverse.get().is_none() {
-            // Compute the inverse outside the cell's initialisation: within it, a thread that waits for other threads'
-            // parts of the work may steal a task that itself waits for the cell. Degree and moments were already
-            // validated by `new`.
+            // Compute the inverse before the cell is initialised. Within the initialisation, a thread that waits for
+            // other threads' parts of the work may steal a task that itself waits for the cell, which would be a
+            // deadlock. Degree and moments were already validated by `new`.
             let made = InverseDensity::new(self.operator.max_degree(), &self.moments).unwrap_or_default();
             let _ = self.inverse.set(made);
         }

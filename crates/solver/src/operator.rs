@@ -1,8 +1,8 @@
 //! The basis as used by solvers: its products with vectors and, for iterative residual fitting, its blocks.
 //!
 //! An [`Operator`] represents the matrix A (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`]
-//! also gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. It is
-//! opened, and then read chunk by chunk by several threads.
+//! also gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. A block is
+//! opened, and then several threads read it chunk by chunk.
 //!
 //! | operator | the basis |
 //! |---|---|

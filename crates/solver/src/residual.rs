@@ -25,7 +25,7 @@ impl ResidualNorms {
 
     /// Computes the norms of a target's residual (n, c) over the rows that aren't marked in `unread` (n).
     pub fn without(residual: ArrayView2<'_, f64>, unread: Option<&[bool]>) -> Self {
-        // Sum runs of rows: the sums then don't depend on the number of threads.
+        // Sum runs of a fixed number of rows, so that the sums don't depend on the number of threads.
         let runs: Vec<[f64; 2]> = residual
             .axis_chunks_iter(Axis(0), RUN)
             .into_par_iter()

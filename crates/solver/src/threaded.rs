@@ -20,8 +20,8 @@ pub use openblas::OpenBlas as Kernels;
 
 /// The four dense operations that Cholesky factors and wide blocks need, on several threads.
 pub trait ThreadedKernels: Sized {
-    /// Bytes of address space that the library reserves per thread in addition to the bytes that it touches. They count
-    /// towards limits on data and address space (`ulimit -d`, `ulimit -v`).
+    /// Bytes of address space that the library reserves per thread in addition to the bytes that it touches. These
+    /// bytes count towards limits on data and address space (`ulimit -d`, `ulimit -v`).
     const RESERVED_PER_THREAD: usize;
     /// Bytes of buffers that a thread touches while it works on large matrices.
     const TOUCHED_PER_THREAD: usize;
@@ -91,7 +91,7 @@ mod tests {
             .collect()
     }
 
-    /// Sizes below, at and above the tiles of [`faer`], and one that needs several levels of halving.
+    /// Sizes below, at and above the tile size of [`faer`], and one size that needs several levels of halving.
     const SIZES: [usize; 5] = [1, 37, 256, 300, 1100];
     const PADDING: usize = 3;
 

@@ -16,15 +16,16 @@ pub const MAX_ITERATIONS: usize = 3000;
 /// Default memory budget of a fit over a store, in bytes.
 pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 
-/// Accuracy of the transforms within the full least squares. It limits the accuracy of the residual.
+/// Accuracy of the transforms within the full least squares. The accuracy of the transforms limits the accuracy of the
+/// residual.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 
 /// Largest number of columns that share a transform and a factor. A larger number doesn't reduce the cost per column
 /// further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
-/// Largest number of surfaces in one sweep over a store. With a larger number, the products take much longer than
-/// reading the basis.
+/// Largest number of surfaces in one sweep over a store. With more surfaces, the products take much longer than reading
+/// the basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
 /// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each sweep
@@ -36,11 +37,13 @@ pub(crate) const REFINEMENTS: usize = 5;
 /// penalty increases the msd by some per cent.
 const RELATIVE_PENALTY: f64 = 0.01;
 
-/// Lowest degree with a default penalty. Lower degrees have wavelengths longer than any triangle.
+/// Fits to lower degrees have no default penalty. They don't need one, because their wavelengths are longer than any
+/// triangle.
 const PENALTY_FROM_DEGREE: usize = 8;
 
-/// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2`, with
-/// w the sum of the weights, or the number of vertices if all weights are equal; zero for L below 8.
+/// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2` for
+/// degree L, and zero for L below 8. The weight w is the sum of the weights, or the number of vertices if all weights
+/// are equal.
 pub fn parametrized_smoothness(max_degree: usize, total_weight: f64) -> f64 {
     if max_degree < PENALTY_FROM_DEGREE {
         return 0.0;

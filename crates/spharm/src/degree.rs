@@ -1,10 +1,10 @@
 //! Chooses the degree of a model: the lowest degree with which the model is accurate enough.
 //!
-//! The error of a model is the root mean square distance between the model and the surface. It falls roughly as a power
-//! of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error is small
-//! enough. The wanted degree then lies between the last two, and is found by predictions with a power law alternating
-//! with bisection. Bisection is needed for surfaces that are themselves models, whose errors fall abruptly at the
-//! model's degree.
+//! The error of a model is the root mean square distance between the model and the surface. The error falls roughly as
+//! a power of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error
+//! is small enough. The wanted degree is then between the last two degrees. The wanted degree is found by alternating
+//! between bisection and predictions with a power law. Bisection is needed for surfaces that are themselves models,
+//! whose errors fall abruptly at the model's degree.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -70,8 +70,8 @@ impl Accuracy {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct DegreeChoice {
-    /// The lowest degree that is accurate enough. If no degree is, the degree whose resolution is one and a half edges
-    /// of the mesh.
+    /// The lowest degree that is accurate enough. If no degree is accurate enough, this is the degree whose resolution
+    /// is one and a half edges of the mesh.
     pub degree: usize,
     /// Root mean square distance between the surface and its model of this degree.
     pub rms: f64,
@@ -112,7 +112,7 @@ const MOST: usize = 256;
 /// The first degree tried.
 const FIRST: usize = 16;
 
-/// Resolution of the model that is used if no degree is accurate enough, in edge lengths of the mesh. Finer models
+/// If no degree is accurate enough, a model with this resolution is used, in edge lengths of the mesh. A finer model
 /// would follow the mesh's facets.
 const EDGES: f64 = 1.5;
 
@@ -177,8 +177,8 @@ fn choose(
     };
     let (mut degree, mut rms) = search(wanted, most, error)?;
     if rms > wanted {
-        // With n vertices on a ball of radius r, edges have a length of about `(4 pi r^2 / n)^(1/2)`, and a model of
-        // degree L resolves `pi r / L`.
+        // Choose the degree L at which the model resolves `EDGES` edge lengths. On a ball of radius r with n vertices,
+        // edges have a length of about `(4 pi r^2 / n)^(1/2)`, and the model resolves `pi r / L`.
         degree = (((PI * vertices.len() as f64).sqrt() / (2.0 * EDGES)) as usize).clamp(1, most);
         rms = error(degree)?;
     }
@@ -222,7 +222,8 @@ fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f6
     }
 }
 
-/// Returns the degree strictly between two others at which the power law through their errors gives the wanted error.
+/// Returns the degree at which the power law through the errors of two degrees gives the wanted error. The result is
+/// strictly between the two degrees.
 fn expected(wanted: f64, fails: (usize, f64), suffices: (usize, f64)) -> usize {
     let (low, high) = (fails.0 as f64, suffices.0 as f64);
     let share = (fails.1 / wanted).ln() / (fails.1 / suffices.1).ln();

@@ -209,7 +209,8 @@ impl Error {
     }
 }
 
-/// Formats a budget in MiB, or in bytes if it is below 1 MiB, because the user has probably forgotten the unit.
+/// Formats a budget in MiB. A budget below 1 MiB is formatted in bytes, because the user has probably forgotten the
+/// unit.
 fn size(bytes: usize) -> String {
     let hundredths = (bytes as f64 / f64::from(1 << 20) * 100.0).floor();
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{}MiB", hundredths / 100.0) }

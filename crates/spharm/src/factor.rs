@@ -14,7 +14,7 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::machine::check_limits;
 
-/// Reciprocal condition number below which a warning says that solutions lose most of their digits.
+/// Reciprocal condition number below which a warning reports that solutions lose most of their digits.
 const ILL_CONDITIONED: f64 = 1e-12;
 
 /// Settings of a factor.
@@ -98,7 +98,7 @@ impl<'a> PlannedFactor<'a> {
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
-            // The store's error adds that finished files are kept.
+            // Convert an interruption to the store's error, because its message adds that finished files are kept.
             SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
             error => error.into(),
         })

@@ -161,10 +161,10 @@ fn fit_one(
 /// Fits many targets over one sphere, as many at a time as memory allows, and passes each fit to `done` as soon as it
 /// is ready.
 ///
-/// `read` returns the target with an index in `0..count`. It is called in the order of the indices, but from several
-/// threads, so a few targets are read at the same time. `done` receives the index of a target and its fit, also from
-/// several threads. The results of `done` are returned in the targets' order. An error of `read` or `done` ends the
-/// call, unlike in [`fit_each`].
+/// `read` returns the target with an index in `0..count`. `read` is called in the order of the indices, but from
+/// several threads, so a few targets are read at the same time. `done` receives the index of a target and its fit, also
+/// from several threads. The results of `done` are returned in the targets' order. An error of `read` or `done` ends
+/// the call, unlike in [`fit_each`].
 ///
 /// # Errors
 ///
@@ -181,8 +181,8 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
 }
 
 /// Fits many targets as [`fit_many`] does, but passes errors of single targets to `done`, which decides whether they
-/// end the call. Such an error occurs if a target can't be read or doesn't match the sphere, or, with
-/// [`FitParams::strict`], if its fit doesn't reach the tolerance.
+/// end the call. An error of a single target occurs if the target can't be read or doesn't match the sphere. With
+/// [`FitParams::strict`], an error also occurs if the target's fit doesn't reach the tolerance.
 ///
 /// Errors of single targets don't affect the other targets' coefficients.
 ///

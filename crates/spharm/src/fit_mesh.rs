@@ -1,7 +1,7 @@
 //! Fits surfaces that have no sphere, in memory: prepares, checks, maps and fits them.
 //!
-//! The program and the Python package call these functions, also for volumes and studies, so that all of them compute
-//! the same coefficients.
+//! The program and the Python package call these functions, also for volumes and studies. Therefore the program and the
+//! package compute the same coefficients.
 
 use spharm_model::{Model, Provenance, VoxelRecord};
 use spharm_monitor::{Monitor, Silent};
@@ -25,24 +25,27 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Largest share of the area that the repair of a mesh may drop or add, that a wrap may leave out, or that may span
-    /// holes in a wrap. It replaces the usual limits, [`DROPPED`] and [`FILLED`], where it is larger.
+    /// Largest share of the area that the repair of a mesh may drop or add. This value also limits the share of the
+    /// mesh that a wrap may leave out, and the share of a wrap that may span holes. The usual limits are [`DROPPED`]
+    /// and [`FILLED`]. If one of them is smaller than this value, this value replaces it.
     pub largest_repair: Option<f64>,
-    /// Number of voxels, along the longest side of a mesh, at which the mesh is replaced by the closed surface around
-    /// it ([`wrap()`](crate::parametrize::wrap())), instead of being repaired. Default `None`.
+    /// Resolution of a wrap, in voxels along the longest side of a mesh; `None` by default. If set, the mesh is
+    /// replaced by the closed surface around it ([`wrap()`](crate::parametrize::wrap())) instead of being repaired.
     pub wrap: Option<usize>,
     /// Whether to cut handles.
     pub cut_handles: bool,
 }
 
-/// Largest share of a mesh's area that a repair may drop as separate pieces, or lose by welding, and that a wrap may
-/// leave out, unless [`Preparation::largest_repair`] allows more. A wrap may leave out the same share of its voxels.
+/// Largest share of a mesh's area that a repair may drop as separate pieces or lose by welding. This is also the
+/// largest share of the mesh's area, and of the wrap's voxels, that a wrap may leave out.
+/// [`Preparation::largest_repair`] may allow more.
 pub const DROPPED: f64 = 0.05;
-/// Largest share of a mesh's area that a repair may add by filling holes, and of a wrap's area that may span holes,
-/// unless [`Preparation::largest_repair`] allows more.
+/// Largest share of a mesh's area that a repair may add by filling holes. This is also the largest share of a wrap's
+/// area that may span holes. [`Preparation::largest_repair`] may allow more.
 pub const FILLED: f64 = 0.25;
 
-/// Returns the shares of the area that a repair loses, drops and adds, each with its usual limit.
+/// Returns the shares of the area that a repair loses by welding, drops with small pieces, and adds by filling holes,
+/// each with its usual limit.
 fn shares(repair: &MeshRepair) -> [(f64, f64); 3] {
     [(repair.lost_area, DROPPED), (repair.dropped_area, DROPPED), (repair.filled_area, FILLED)]
 }
@@ -63,7 +66,8 @@ pub fn percent_to_wrap(wrap: &Wrap) -> u32 {
     whole_percent(large.map(|(share, _)| share).fold(0.0, f64::max))
 }
 
-/// Returns the shares that a wrap leaves out, and that span holes, each with its usual limit.
+/// Returns the share of the mesh that a wrap leaves out, and the share of the wrap that spans holes. Each share is
+/// returned with its usual limit.
 fn shares_of_wrap(wrap: &Wrap) -> [(f64, f64); 2] {
     [(wrap.loss(), DROPPED), (wrap.bridged_area, FILLED)]
 }
@@ -89,8 +93,8 @@ impl Preparation {
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing,
-    /// leaves out too large a part or spans too large holes, or handles can't be cut.
+    /// [`Error::Parametrize`] if the repair would change too large a part of the surface; if a wrap encloses nothing,
+    /// leaves out too large a part of the mesh, or spans too large holes; or if handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
         if let Some(voxels) = self.wrap {
             // A wrap has no handles.
@@ -157,8 +161,8 @@ impl MappedSurface {
         Ok(Self::of(surface, parametrized, params))
     }
 
-    /// Returns a mapped surface for an existing map. If the triangles of a mesh wind inwards, the map's report gets a
-    /// warning.
+    /// Combines a surface with an existing map to the sphere. If the surface is a mesh whose triangles wind inwards, a
+    /// warning is added to the map's report.
     #[must_use]
     pub fn of(surface: &Input, mut parametrized: Parametrized, params: &FitParams) -> Self {
         let report = &mut parametrized.map.report;
@@ -276,7 +280,7 @@ pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
     fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
 }
 
-/// Maps and fits a surface as [`fit_mesh`] does, with progress and cancellation, after repairing it and cutting its
+/// Maps and fits a surface as [`fit_mesh`] does, with progress and cancellation. First repairs the surface and cuts its
 /// handles, if `preparation` requests this. The surface may also be extracted from a volume's label.
 ///
 /// # Errors
@@ -292,8 +296,8 @@ pub fn fit_mesh_with(
 }
 
 /// Maps and fits a surface like [`fit_mesh_with`], but ignores the vertices at which `keep` is false: the triangles at
-/// these vertices aren't fitted. The mask has one element per vertex of the prepared surface. It applies to the fit,
-/// not to the map.
+/// these vertices aren't fitted. The mask has one element per vertex of the prepared surface. The mask applies to the
+/// fit, not to the map.
 ///
 /// # Errors
 ///

@@ -42,8 +42,8 @@
 //!
 //! No function prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
 //! which acts only on faults inside the store's memory maps. Every function that may run longer than a second takes a
-//! [`Monitor`], which shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a
-//! separate pool if [`FitParams::threads`] is set.
+//! [`Monitor`], which shows its progress and can cancel it. Functions with a [`Monitor`] run in the caller's rayon
+//! pool, or in a separate pool if [`FitParams::threads`] is set.
 //!
 //! # Modules
 //!

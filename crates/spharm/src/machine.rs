@@ -18,7 +18,7 @@ enum Limit {
 }
 
 impl Limit {
-    /// Returns the limit in bytes; `None` if there is none.
+    /// Returns the limit in bytes; `None` if the process has no such limit.
     fn current(self) -> Option<u64> {
         #[cfg(unix)]
         {
@@ -34,7 +34,8 @@ impl Limit {
     }
 }
 
-/// The limits. Each is listed with the field of `/proc/self/status` that it restricts, and with its name in messages.
+/// The limits. Each limit is listed with the field of `/proc/self/status` that it restricts, and with its name in
+/// messages.
 const LIMITS: [(Limit, &str, &str); 2] =
     [(Limit::Data, "VmData:", "data (ulimit -d)"), (Limit::AddressSpace, "VmSize:", "address space (ulimit -v)")];
 
@@ -50,7 +51,7 @@ pub fn available_memory() -> usize {
     free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
 }
 
-/// Returns the free memory of the system; `None` if it doesn't report it.
+/// Returns the free memory of the system; `None` if the system doesn't report it.
 #[cfg(target_os = "linux")]
 fn free_of_system() -> Option<u64> {
     let meminfo = read_to_string("/proc/meminfo").ok()?;
@@ -58,7 +59,7 @@ fn free_of_system() -> Option<u64> {
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
 }
 
-/// Returns the free memory of the system; `None` if it doesn't report it.
+/// Returns the free memory of the system; `None` if the system doesn't report it.
 #[cfg(not(target_os = "linux"))]
 fn free_of_system() -> Option<u64> {
     let mut system = sysinfo::System::new();
@@ -66,9 +67,9 @@ fn free_of_system() -> Option<u64> {
     Some(system.available_memory()).filter(|free| *free > 0)
 }
 
-/// Returns the smallest amount of free memory among the control groups in `groups`, the contents of
-/// `/proc/self/cgroup`, and their ancestors; `None` if no group has a limit. The hierarchies of both versions are
-/// mounted below `root`.
+/// Returns the smallest amount of free memory among control groups and their ancestors; `None` if no group has a limit.
+/// `groups` is the text of `/proc/self/cgroup`, which lists the groups. The hierarchies of both versions are mounted
+/// below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| -> Option<u64> {
         let mut parts = line.splitn(3, ':');
@@ -101,8 +102,8 @@ const V1: Version = Version {
     files: ["total_inactive_file ", "total_active_file "],
 };
 
-/// Names of the files of version 2 of control groups. `memory.high` counts as a limit, too: above it, a process isn't
-/// killed, but slowed down until it hardly runs.
+/// Names of the files of version 2 of control groups. `memory.high` is treated as a limit, too: above it, the system
+/// doesn't kill a process, but slows it down almost to a standstill.
 const V2: Version = Version {
     limits: &["memory.max", "memory.high"],
     used: "memory.current",
@@ -110,8 +111,8 @@ const V2: Version = Version {
 };
 
 impl Version {
-    /// Returns the difference between a group's limit and its usage without pages of files, or `None` if one of them is
-    /// unknown.
+    /// Returns the free memory of a control group: its limit minus its usage, in which pages of files aren't counted.
+    /// Returns `None` if the limit or the usage is unknown.
     fn free(&self, group: &Path) -> Option<u64> {
         let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
         let limit = self.limits.iter().filter_map(number).min()?;

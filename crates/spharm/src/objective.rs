@@ -10,7 +10,7 @@ use crate::{FitParams, Method};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
     /// Chooses automatically: fits the surface of a mesh if the sphere has triangles and no store is given, and fits
-    /// the vertices in all other cases, for example those of signals.
+    /// the vertices in all other cases, for example for signals.
     #[default]
     Default,
     /// Fits the surface: minimises the integral over the sphere of the squared distance. All triangles are sampled as

@@ -217,8 +217,8 @@ pub struct FitParams {
     /// Whether meshes are fitted as surfaces or at their vertices, for [`Method::Lsq`].
     pub objective: Objective,
     /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere (see
-    /// [`CaldParams::area`](crate::parametrize::CaldParams::area)). The default is 0.8, of which only the part that
-    /// improves the fit is used.
+    /// [`CaldParams::area`](crate::parametrize::CaldParams::area)). The default is 0.8. Of the allowed distortion, the
+    /// map uses only the part that improves the fit.
     #[setters(into)]
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
@@ -307,7 +307,7 @@ impl FitParams {
 
     /// Returns the memory budget of a fit in bytes: [`memory`](Self::memory) if it is set. Otherwise it is
     /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of the free
-    /// memory for the others.
+    /// memory for the other methods.
     pub fn memory_budget(&self) -> usize {
         match (self.memory, self.method.blocks()) {
             (Some(bytes), _) => bytes,

@@ -17,8 +17,8 @@ pub struct FitReport {
     pub channels: usize,
     /// Cube root of the bounding box's volume, in the target's unit; `None` for targets without volume.
     pub scale: Option<f64>,
-    /// Mean squared distance at the vertices, with the bounding box scaled to volume 1; `None` for targets without
-    /// volume.
+    /// Mean squared distance between target and model at the vertices, with the bounding box scaled to volume 1; `None`
+    /// for targets without volume.
     #[serde(skip)]
     pub msd: Option<f64>,
     /// Maximal squared distance at the vertices, with the bounding box scaled to volume 1; `None` for targets without
@@ -43,7 +43,8 @@ pub struct FitReport {
     /// The noise that was estimated and removed: one entry for a surface, or one per channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoised>,
-    /// Smoothness penalty lambda; zero for the methods without a penalty. If each channel has its own, the largest one.
+    /// Smoothness penalty lambda; zero for the methods without a penalty. If each channel has a separate lambda, this
+    /// is the largest one.
     #[serde(skip)]
     pub smoothness: f64,
     /// Smoothness penalty lambda of each channel, if it was chosen by cross-validation for each channel; else empty.
@@ -64,13 +65,14 @@ pub struct FitReport {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Denoised {
-    /// The noise, and the gain of each degree.
+    /// The removed noise, and the gain by which denoising multiplies each degree.
     #[serde(flatten)]
     pub noise: Denoise,
     /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;
     /// `None` if there are too few vertices for an estimate.
     pub left_out: Option<f64>,
-    /// Power that noise of variance 1 has in the plain fit's coefficients of degree 1, relative to an even sampling.
+    /// Power of the noise in the coefficients of degree 1 before denoising, divided by the power that the same noise
+    /// would have there if the sampling were even.
     #[serde(skip)]
     pub relative_noise: f64,
 }

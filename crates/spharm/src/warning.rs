@@ -7,27 +7,28 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::{BlockReport, PassReport};
 use spharm_solver::lsq::LsqWarning;
 
-/// Largest expected error of the worst combination of coefficients, relative to the norm of all coefficients, that
-/// causes no warning.
+/// A warning is given if the expected error of the most poorly determined combination of coefficients exceeds this
+/// share of the norm of all coefficients.
 const LARGEST_AMPLIFIED: f64 = 0.25;
-/// Least condition number at which noise in the coefficients is blamed on the sampling.
+/// Noise in the coefficients is attributed to the sampling only if the condition number exceeds this value.
 const POOR: f64 = 3.0;
-/// Largest power of the noise in degree 1, relative to an even sampling, that causes no warning of a denoised fit.
+/// A denoised fit warns if the noise in degree 1 has more than this multiple of the power that it would have on an even
+/// sampling.
 const LARGEST_NOISE: f64 = 10.0;
-/// Gain of degree 1 from which on its signal is clearly above its noise.
+/// The signal of degree 1 is clearly above the noise if denoising multiplies it by at least this gain.
 const CLEAR_GAIN: f64 = 0.9;
-/// Largest ratio of a weight to the sum of those weights that the fit needs besides the largest ones. At larger ratios
-/// the fit loses more than half of its digits.
+/// A warning is given if the largest weight exceeds this multiple of the sum of all weights except the `functions - 1`
+/// largest. At such a ratio the fit loses more than half of its digits.
 const LARGEST_WEIGHT: f64 = 1e8;
-/// Largest share of the residual's rms that the last pass may remove without a warning.
+/// A warning is given if the last pass removes more than this share of the residual's rms.
 const STILL_FALLING: f64 = 0.1;
 /// Residuals below this share of the rms of the values about their mean cause no warning.
 const NEGLIGIBLE: f64 = 1e-4;
-/// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
-/// of the detail.
+/// A warning is given if the rms of the unresolved detail exceeds this multiple of the noise. The multiple is well
+/// below 1, because the detail is estimated at held-out vertices, which reveal only part of it.
 const DETAIL: f64 = 0.3;
 
-/// A possible problem of a fit. It is serialised as its message.
+/// A possible problem of a fit. A warning is serialised as its message.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
@@ -107,32 +108,35 @@ pub enum FitWarning {
         max_degree: usize,
         /// Condition number of the basis at the samples.
         condition: f64,
-        /// Expected error of the worst combination of coefficients, relative to the norm of the coefficients.
+        /// Expected error of the most poorly determined combination of coefficients, relative to the norm of the
+        /// coefficients.
         share: f64,
     },
     /// Detail beyond the degree of a denoised fit was treated as noise.
     Detail {
         /// Highest degree of the fit.
         max_degree: usize,
-        /// Rms of the detail, in the target's unit.
+        /// Root mean square of the detail that was treated as noise, in the target's unit.
         left_out: f64,
         /// Standard deviation of the estimated noise, which includes the detail.
         sigma: f64,
     },
-    /// Denoising may have removed signal, because poorly sampled places raise the noise of all degrees.
+    /// Denoising may have removed signal, because poorly sampled places raise the noise of the coefficients of all
+    /// degrees.
     NoiseOfGaps {
         /// Highest degree of the fit.
         max_degree: usize,
-        /// Power of the noise in degree 1, relative to an even sampling.
+        /// Power of the noise in degree 1, divided by the power that the same noise would have if the sampling were
+        /// even.
         noise: f64,
         /// Gain of degree 1.
         gain: f64,
     },
-    /// A few vertices have nearly all of the weight, so rounding errors hide the values of the others.
+    /// A few vertices have nearly all of the weight, so rounding errors hide the values of the other vertices.
     UnevenWeights {
         /// Number of coefficients of a channel.
         functions: usize,
-        /// Largest weight, relative to the sum of all weights but the `functions - 1` largest.
+        /// Largest weight, relative to the sum of all weights except the `functions - 1` largest.
         ratio: f64,
     },
     /// Rounding errors of moments hide the residual of channels whose mean is large.
@@ -140,14 +144,14 @@ pub enum FitWarning {
         /// Names of the channels.
         channels: Vec<String>,
     },
-    /// Moments were fitted that lack shards of their samples.
+    /// The fitted moments lack some shards of the samples.
     MissingShards {
         /// Descriptions of the missing shards.
         missing: Vec<String>,
     },
     /// Standard errors were computed for a fit weighted by areas.
     AreaErrors,
-    /// A channel of a signal has zeros that may stand for missing values: all its other values are far from 0.
+    /// A channel of a signal has zeros that may mark missing values, since all its other values are far from 0.
     Zeros {
         /// Index of the channel.
         channel: usize,
@@ -205,9 +209,9 @@ impl fmt::Display for FitWarning {
             {
                 write!(
                     f,
-                    "degree {max_degree} isn't determined by the samples: the {samples} samples, or those with nearly \
-                     all of the weight, are at places that don't distinguish {functions} coefficients; use a lower \
-                     degree, more places or more even weights"
+                    "degree {max_degree} isn't determined by the samples: the positions of the {samples} samples don't \
+                     suffice for {functions} coefficients, or a few positions have nearly all of the weight; use a \
+                     lower degree, samples at more positions, or more even weights"
                 )
             }
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
@@ -231,9 +235,9 @@ impl fmt::Display for FitWarning {
             ),
             Self::NoiseOfGaps { max_degree, noise, gain } => write!(
                 f,
-                "denoising may have removed signal: at degree {max_degree}, poorly sampled places raise the noise in \
-                 the coefficients of degree 1 to {noise:.1e} times that of an even sampling, and only {gain:.2} of \
-                 degree 1 was kept; use a lower degree, or a smoothness penalty instead of denoising"
+                "denoising may have removed signal: at degree {max_degree}, poorly sampled places raise the power of \
+                 the noise in the coefficients of degree 1 to {noise:.1e} times that of an even sampling, and denoising \
+                 multiplied these coefficients by a gain of only {gain:.2}; use a lower degree, or a smoothness penalty instead of denoising"
             ),
             Self::UnevenWeights { functions, ratio } => write!(
                 f,
@@ -303,10 +307,10 @@ impl FitWarning {
         warnings
     }
 
-    /// Returns a warning if noise decides a large part of the coefficients. If n samples have independent noise of
-    /// standard deviation s, the combination of coefficients that they determine worst has the standard deviation `s
-    /// condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed. `mean_square`
-    /// is the mean square of the residual, weighted if the weights are inverse variances.
+    /// Returns a warning if a large part of the coefficients may be amplified noise. Let n samples have independent
+    /// noise of standard deviation s. The combination of coefficients that the samples determine worst then has the
+    /// standard deviation `s condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are
+    /// distributed. `mean_square` is the mean square of the residual, weighted if the weights are inverse variances.
     pub(crate) fn of_amplified(report: &LsqReport, mean_square: f64) -> Option<Self> {
         let functions = spharm_harmonics::basis_size(report.max_degree);
         let free = report.rows.checked_sub(functions).filter(|&free| free > 0 && report.smoothness == 0.0)?;
@@ -331,16 +335,18 @@ impl FitWarning {
         hidden.or_else(detail)
     }
 
-    /// Returns a warning if the noise of poorly sampled places hides the signal: if `noise`, the power of the noise in
-    /// degree 1 relative to an even sampling, is large, and the signal of degree 1 isn't clearly above it.
+    /// Returns a warning if the noise of poorly sampled places hides the signal. The signal is hidden if `noise`, the
+    /// power of the noise in degree 1 relative to an even sampling, is large and the signal of degree 1 isn't clearly
+    /// above the noise.
     pub(crate) fn of_noise(noise: f64, gain: &[f64], max_degree: usize) -> Option<Self> {
         let gain = *gain.get(1)?;
         (noise > LARGEST_NOISE && gain < CLEAR_GAIN).then_some(Self::NoiseOfGaps { max_degree, noise, gain })
     }
 
     /// Returns a warning if the weights are so uneven that a fit of the vertices loses the values of small weight. Some
-    /// function is zero at all but the vertices of small weight, so the normal matrix's condition number is at least
-    /// the ratio of the largest weight to their sum. Iterations that begin at zero don't notice such functions.
+    /// function of the model's degree is zero at the K - 1 vertices of largest weight, with K the number of
+    /// coefficients. The normal matrix's condition number is therefore at least the ratio of the largest weight to the
+    /// sum of the other weights. Iterations that begin at zero don't reveal such functions.
     pub(crate) fn of_weights(weights: &[f64], max_degree: usize) -> Option<Self> {
         let functions = spharm_harmonics::basis_size(max_degree);
         if functions > weights.len() {

@@ -23,7 +23,7 @@ pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     folder::schemes(store)
 }
 
-/// Returns the one scheme whose key begins with `digits`, or all schemes if `digits` is `None`.
+/// Returns the key of the only scheme whose key begins with `digits`, or the keys of all schemes if `digits` is `None`.
 ///
 /// # Errors
 ///
@@ -63,7 +63,7 @@ pub struct SchemeSummary {
     pub factors: usize,
     /// Number of basis files and factors that couldn't be opened.
     pub damaged: usize,
-    /// Number of those of them that have a newer format version than this program reads.
+    /// Number of the files counted in `damaged` whose format version is newer than the version that this program reads.
     pub newer: usize,
     /// Total size in bytes of the basis files and factors that could be opened.
     pub bytes: u64,
@@ -111,8 +111,8 @@ pub struct Verification {
     pub damaged: Vec<StoreError>,
 }
 
-/// Checks every byte of the basis files and factors of the given schemes against their hashes, on the rayon pool of the
-/// caller. Progress is reported in bytes, as the stage `verify`. Each thread uses a buffer of 1 MiB.
+/// Checks every byte of the basis files and factors of the given schemes against their hashes, on the caller's rayon
+/// pool. Reports one stage, `verify`, counted in bytes, to the monitor. Each thread uses a buffer of 1 MiB.
 ///
 /// # Errors
 ///

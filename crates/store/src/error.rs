@@ -1,7 +1,7 @@
 //! Errors and warnings of the store.
 //!
-//! A message names the file, the expected value, the actual value, and a remedy if one exists that doesn't depend on
-//! the program. Programs derive advice on their own options from the fields of an error.
+//! A message states the file, the expected value and the actual value. It also states a remedy, if there is a remedy
+//! that doesn't depend on the calling program. Programs use the fields of an error to give advice on their own options.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -70,7 +70,7 @@ pub enum StoreError {
         /// Name of the failed check.
         what: &'static str,
     },
-    /// An opened factor differs from the requested one.
+    /// An opened factor differs from the requested factor.
     #[error("{}: the factor has a different {what}: expected {expected}, found {found}", .path.display())]
     FactorDiffers {
         /// Path of the file.
@@ -131,7 +131,7 @@ pub enum StoreError {
         /// Keys of the schemes in the store.
         available: Vec<SchemeKey>,
     },
-    /// The store has no basis for this sampling scheme, but one at directions that differ only by rounding.
+    /// The store has no basis for this sampling scheme, but has a basis at directions that differ only by rounding.
     #[error(
         "{}: no basis for scheme {key}; scheme {} has the same {rows} directions within {difference:.0e}; fit over the \
          sphere for which that basis was built, or build a basis for this sphere",
@@ -165,17 +165,17 @@ pub enum StoreError {
         /// Path of the folder.
         store: PathBuf,
     },
-    /// No scheme key begins with the given digits, or several keys do.
+    /// No scheme key begins with the given digits, or several keys begin with these digits.
     #[error("{}: {} with {digits}", .store.display(), keys_begin(*.found))]
     KeyDigits {
         /// Path of the store.
         store: PathBuf,
         /// The digits given.
         digits: String,
-        /// Number of schemes whose key begins with the digits.
+        /// Number of schemes whose key begins with the given digits.
         found: usize,
     },
-    /// The store has the scheme, but lacks a basis file of some degree up to the requested one.
+    /// The store has the scheme, but lacks the basis file of at least one degree up to the requested degree.
     #[error("{}: scheme {key} has {}", .store.display(), degrees_there(*.complete_to, *.missing))]
     DegreeMissing {
         /// Path of the store.
@@ -239,7 +239,7 @@ pub enum StoreError {
         /// The requested number of rows.
         found: usize,
     },
-    /// The file would have more chunks, or larger ones, than the format allows.
+    /// The file would have more chunks, or larger chunks, than the format allows.
     #[error(
         "degree {degree} with {rows} directions and {chunk_rows} rows per chunk exceeds the format's limits of \
          {MAX_CHUNKS} chunks and {MAX_CHUNK_LEN} bytes per chunk; choose another number of rows per chunk"
@@ -324,7 +324,7 @@ fn degrees_there(complete_to: Option<usize>, missing: usize) -> String {
 mod tests {
     use super::*;
 
-    /// The messages list the keys, factors or degrees that the store has in place of the requested ones.
+    /// If a key, a factor or a degree is missing, the message lists the keys, factors or degrees that the store has.
     #[test]
     fn messages_name_what_is_there() {
         let store = || PathBuf::from("store");

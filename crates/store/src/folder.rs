@@ -65,9 +65,9 @@ pub(crate) fn remove_damaged(path: &Path) -> Result<(), StoreError> {
 /// lock file can't be created.
 pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>, StoreError> {
     let path = folder.join(".lock");
-    // If another user created the lock file, this process may only open it for reading; that is enough for locking. If
-    // the lock file can't be created, the build continues without a lock: if the folder isn't writable, creating the
-    // first basis file will report the error.
+    // If another user created the lock file, this process may have only the permission to read it, which is enough for
+    // locking. If the lock file can't be created, the build continues without a lock. If the folder isn't writable, the
+    // creation of the first basis file will report the error.
     let Ok(file) = platform::open_lock(&path, true).or_else(|_| platform::open_lock(&path, false)) else {
         return Ok(None);
     };
@@ -90,7 +90,7 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
 /// Size in bytes (64 GiB) above which writing files needs explicit permission.
 pub(crate) const LARGE: u64 = 64 << 30;
 
-/// Fails if `needed` bytes exceed the free disk space or [`LARGE`].
+/// Returns an error if `needed` bytes exceed the free disk space or [`LARGE`].
 pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
     let free = free_space(store)?;
     if is_too_much(needed, free) {

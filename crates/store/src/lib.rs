@@ -14,7 +14,7 @@
 //! `store-format.md` specifies every byte.
 //!
 //! Any number of processes may build and read a store at the same time. If a file is damaged, or truncated while it is
-//! read, the reader returns an error that names the file; it neither crashes nor returns wrong values.
+//! read, the reader returns an error that states the file's path. The reader neither crashes nor returns wrong values.
 //!
 //! Long-running functions take a [`Monitor`](spharm_monitor::Monitor) as their last argument and run on the caller's
 //! rayon pool.
@@ -23,7 +23,7 @@
 //! |---|---|
 //! | [`scheme`] | key of a sampling scheme: a hash of everything that its basis depends on |
 //! | [`basis`] | basis files: building them, opening a scheme, reading chunks |
-//! | [`factor`] | the Cholesky factor of a scheme's normal equations, beside its basis |
+//! | [`factor`] | the Cholesky factor of a scheme's normal equations, in the scheme's folder |
 //! | [`catalog`] | listing the contents of a store, verifying it, removing leftovers |
 //! | [`mod@format`] | versions and limits of the format |
 //! | `container` | the parts shared by basis files and factors: header frame, table, footer, checks, publishing |

@@ -2,15 +2,15 @@
 //!
 //! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
 //! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix, a
-//! `FaultGuard` (`platform`) lets the process survive the second risk. On Windows, a file can't be written to or
-//! truncated while the store has it open, but the process ends if the disk fails while a file is mapped.
+//! `FaultGuard` (`platform`) lets the process survive the second risk. On Windows, other processes can't write to or
+//! truncate a file while the store has it open. But the process ends if the disk fails while a file is mapped.
 //!
-//! [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed. Results
-//! computed from a window are valid only once this check has passed.
+//! After a window has been used, [`Window::check`] returns an error if a page was missing or if the file's size or
+//! modification time has changed. Results computed from a window are valid only once this check has passed.
 //!
 //! A window gives access only to types for which every bit pattern is valid: bytes, integers and floating-point
-//! numbers. If a file changes while it is mapped, the values may be wrong, and the check then rejects them; reading
-//! them is never undefined behaviour.
+//! numbers. If a file changes while it is mapped, the values may be wrong, but reading them is never undefined
+//! behaviour. The check then rejects these values.
 
 #![allow(unsafe_code)]
 
@@ -33,9 +33,9 @@ pub(crate) struct Window {
 impl Window {
     /// Maps `len > 0` bytes from `offset` on; the offset need not be page-aligned.
     pub(crate) fn new(source: &Source, offset: u64, len: usize) -> Result<Self, StoreError> {
-        // SAFETY: the map is read-only and private to this type. The file may change or shrink meanwhile, which is
-        // handled as described at the head of the module: bytes are only read as plain numbers, and `check` rejects the
-        // values read.
+        // SAFETY: the map is read-only and private to this type. The file may change or shrink while it is mapped. The
+        // documentation of this module describes how this case is handled: bytes are only read as plain numbers, and
+        // `check` rejects the values read.
         let map = unsafe { MmapOptions::new().offset(offset).len(len).map(source.file()) }
             .map_err(StoreError::io(source.path(), "cannot map the file into memory"))?;
         let start = map.as_ptr() as usize;
@@ -50,18 +50,19 @@ impl Window {
         &self.map
     }
 
-    /// Asks the system to start reading a range of the window from disk. This is only a hint: failure is ignored.
+    /// Asks the system to start reading a range of the window from disk. The request is only a hint, so a failure is
+    /// ignored.
     pub(crate) fn will_need(&self, offset: usize, len: usize) {
         platform::map_will_need(&self.map, offset, len);
     }
 
-    /// Maps all pages of a range with one system call, which costs less than one page fault per page. This is only a
-    /// hint: failure is ignored.
+    /// Maps all pages of a range with one system call, which costs less than one page fault per page. The request is
+    /// only a hint, so a failure is ignored.
     pub(crate) fn populate(&self, offset: usize, len: usize) {
         platform::populate_map(&self.map, offset, len);
     }
 
-    /// Fails if a page was missing when it was accessed, or if the file has changed since it was opened.
+    /// Returns an error if a page was missing when it was accessed, or if the file has changed since it was opened.
     pub(crate) fn check(&self, source: &Source) -> Result<(), StoreError> {
         if self.guard.faulted() {
             return Err(StoreError::ChangedWhileRead { path: source.path().to_path_buf() });
@@ -72,7 +73,7 @@ impl Window {
 
 /// Prefetches a range of memory into the L2 cache. The range has the size of `values` and starts `ahead` bytes after
 /// the beginning of `values`. This is useful because the processor's own prefetcher stops at page boundaries. The range
-/// need not be mapped, since a prefetch is only a hint.
+/// need not be mapped, because a prefetch is only a hint.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]

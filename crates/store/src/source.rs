@@ -61,7 +61,7 @@ impl Source {
         })
     }
 
-    /// Fails if the file's size or modification time has changed since it was opened.
+    /// Returns an error if the file's size or modification time has changed since it was opened.
     pub(crate) fn check(&self) -> Result<(), StoreError> {
         match self.file.metadata() {
             Ok(metadata) if Stamp::of(&metadata) == self.stamp => Ok(()),

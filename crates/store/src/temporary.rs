@@ -26,7 +26,7 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
         platform::with_usual_rights(&mut builder);
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between the creation and the locking of the file, another process took the file for a leftover: that
+            // Between the creation and the locking of the file, another process mistook the file for a leftover. That
             // process has removed the file, or holds the lock in order to remove it. Try again with a new file.
             Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
@@ -80,7 +80,7 @@ fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(),
 
 /// Returns whether a file was last written to more than 24 hours ago.
 fn is_old(item: &std::fs::DirEntry) -> bool {
-    /// Age since the last write from which a file counts as abandoned, on file systems without locks.
+    /// Time since the last write after which a file is regarded as abandoned, on file systems without locks.
     const OLD: Duration = Duration::from_secs(24 * 3600);
     let modified = item.metadata().and_then(|metadata| metadata.modified());
     modified.is_ok_and(|time| time.elapsed().is_ok_and(|age| age > OLD))
@@ -113,7 +113,7 @@ mod tests {
         let name = temporary.path().file_name().unwrap().to_string_lossy().into_owned();
         assert!(name.starts_with(".A_1.") && name.ends_with(".tmp"), "{name}");
         assert!(abandoned(folder.path()).unwrap().is_empty());
-        // The file is closed, as that of a builder that is killed.
+        // Close the file, as the system does when it kills a builder.
         let path = temporary.into_temp_path();
         assert_eq!(abandoned(folder.path()).unwrap(), [path.to_path_buf()]);
     }

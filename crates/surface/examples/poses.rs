@@ -1,11 +1,11 @@
 //! Measures the failure rate and the time of pose searches, and the resulting distances between landmarks.
 //!
 //! Usage: `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, with PAIRS pairs of each kind
-//! (10 by default) and ROTATIONS rotations of each pair (20 by default). Pairs are vertebrae of the shared data, and
-//! generated rods, boxes, cubes and near-spheres. The two bodies of a generated pair differ slightly and are meshed
-//! differently. Each pair is tried from ROTATIONS random rotations. The optimum counts as missed if the distance
-//! exceeds 1.05 times the least distance found. This least distance is taken over all these rotations, 24 random
-//! starts that are independent of the search, and the true pose.
+//! (10 by default) and ROTATIONS rotations of each pair (20 by default). The pairs consist of vertebrae from the shared
+//! data, and of generated rods, boxes, cubes and near-spheres. The two bodies of a generated pair differ slightly and
+//! are meshed differently. Each pair is tried from ROTATIONS random rotations. A search misses the optimum if the
+//! distance in its pose exceeds 1.05 times the smallest distance found for the pair. This smallest distance is taken
+//! over the searches from all rotations, 24 random starts that are independent of the search, and the true pose.
 
 use std::time::Instant;
 
@@ -45,9 +45,9 @@ fn main() -> Result<(), Failure> {
     landmarks(&vertebrae)
 }
 
-/// Poses the vertebrae as a group and prints the distance of each vertebra's landmarks from the mean of the other
+/// Aligns the vertebrae as a group, and prints the distance of each vertebra's landmarks from the mean of the other
 /// vertebrae's landmarks. For comparison, also prints this distance after the best rigid alignment of the landmarks
-/// themselves, and the ratio of the two.
+/// themselves, and the ratio of the two distances.
 fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
     let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
     let start = Instant::now();
@@ -99,7 +99,7 @@ fn from_others(landmarks: &[Vec<Vec3>]) -> Vec<f64> {
     (0..landmarks.len()).map(one).collect()
 }
 
-/// Returns the rigid motion of `points` that brings them closest to `others`.
+/// Returns the rigid motion that brings `points` closest to `others`.
 fn onto(points: &[Vec3], others: &[Vec3]) -> Similarity {
     let centre = |points: &[Vec3]| -> Vec3 {
         std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64)

@@ -8,7 +8,7 @@ use spharm_harmonics::Directions;
 use crate::error::SurfaceError;
 use crate::io::{read_columns, signal_of};
 
-/// An angle in a column of a table.
+/// The kind of angle that a column of a table contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Angle {
     /// Angle from the north pole.
@@ -18,7 +18,8 @@ enum Angle {
     Azimuth,
 }
 
-/// Names of angles in lower case, and whether the angles are in degrees if the name has no suffix `_deg` or `_rad`.
+/// Accepted names of columns, in lower case. For each name: the angle, and whether the unit is degrees if the name has
+/// no suffix `_deg` or `_rad`.
 const NAMES: [(&str, Angle, bool); 9] = [
     ("theta", Angle::Colatitude, false),
     ("colatitude", Angle::Colatitude, false),
@@ -39,7 +40,7 @@ struct Column {
     name: String,
     angle: Angle,
     degrees: bool,
-    /// Whether the unit is the usual one, because the name has no suffix such as `_deg`.
+    /// Whether the unit is the default for the column's name, because the name has no suffix such as `_deg`.
     usual: bool,
 }
 
@@ -74,8 +75,8 @@ impl Column {
     }
 }
 
-/// Returns the columns of the polar angle and of the azimuth by the names in a table's header. A table without a header
-/// has colatitudes and azimuths in radians.
+/// Finds the columns of the polar angle and of the azimuth by the names in a table's header. In a table without a
+/// header, the columns are colatitude and azimuth in radians.
 fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
     let usual = ["theta".to_owned(), "phi".to_owned()];
     let names = if names.is_empty() { &usual[..] } else { names };
@@ -95,13 +96,15 @@ fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
 }
 
 /// Returns whether directions seem to be in radians, given their number and the largest magnitudes of their latitudes
-/// and longitudes. Fewer than 10 directions may well be within a few degrees of each other.
+/// and longitudes. Returns `false` for fewer than 10 directions, because all of them may be given in degrees and lie
+/// within a few degrees of each other.
 #[must_use]
 pub fn look_like_radians(count: usize, latitude: f64, longitude: f64) -> bool {
     count >= 10 && latitude <= FRAC_PI_2 && longitude > 0.0 && longitude <= TAU
 }
 
-/// Checks that angles which are in degrees only by their usual unit don't all lie in the ranges of radians.
+/// Returns an error if angles look like radians although the names of their columns, which have no suffix, imply
+/// degrees.
 fn check_unit(path: &Path, columns: [&Column; 2], rows: &[[f64; 2]]) -> Result<(), SurfaceError> {
     let largest = |column: &Column| rows.iter().map(|row| row[column.at].abs()).fold(0.0, f64::max);
     let [polar, azimuth] = columns.map(largest);
@@ -121,8 +124,8 @@ fn check_unit(path: &Path, columns: [&Column; 2], rows: &[[f64; 2]]) -> Result<(
     })
 }
 
-/// Reads directions from a table of two columns. The columns are found by their names, or, without a header, are
-/// colatitude and azimuth in radians.
+/// Reads directions from a table of two columns. The names in the header determine which column is which. Without a
+/// header, the columns are colatitude and azimuth in radians.
 pub(crate) fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
     let (input, facts) = read_columns(path)?;
     let signal = signal_of(path, input)?;

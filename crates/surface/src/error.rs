@@ -7,8 +7,8 @@ use spharm_harmonics::HarmonicsError;
 
 /// An error that occurred while a surface was read, checked, compared, drawn or written.
 ///
-/// Each message is one line that names the file and says what was expected, what was found and, where possible, what to
-/// do. Surfaces made in memory are called "the surface" or "the sphere" instead of by a path.
+/// Each message is one line with the file's path, what was expected, what was found and, if possible, what to do.
+/// Surfaces made in memory are called "the surface" or "the sphere" instead of by a path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {
@@ -110,7 +110,7 @@ pub enum SurfaceError {
         room: crate::room::NoRoom,
     },
 
-    /// The file holds values on vertices where a surface is expected.
+    /// A surface is expected, but the file holds values on vertices.
     #[error(
         "{}: expected a surface, found values on {vertices} vertices ({channels} per vertex): \
          give a surface file, such as .surf.gii, .obj or lh.pial; values need the sphere of their surface",
@@ -125,7 +125,7 @@ pub enum SurfaceError {
         channels: usize,
     },
 
-    /// The file holds a surface where values on vertices are expected.
+    /// Values on vertices are expected, but the file holds a surface.
     #[error(
         "{}: expected values on vertices, found a surface ({vertices} vertices, {faces} triangles): \
          give a file of values, such as .func.gii, .shape.gii, .csv or lh.curv",
@@ -158,7 +158,7 @@ pub enum SurfaceError {
     NonFinite {
         /// Path of the file.
         path: PathBuf,
-        /// The first vertex with such a number, counted from 0.
+        /// Index of the first vertex with a NaN or infinite number, counted from 0.
         vertex: usize,
         /// The value found: NaN or an infinity.
         value: f64,
@@ -209,12 +209,12 @@ pub enum SurfaceError {
     NotRepresentable {
         /// Path of the file.
         path: PathBuf,
-        /// The first vertex with a number that is too large, counted from 0; if all numbers are too small, the vertex
-        /// with the largest.
+        /// Index, counted from 0, of the first vertex with a number that is too large. If all numbers are too small,
+        /// index of the vertex with the largest number.
         vertex: usize,
         /// The number.
         value: f64,
-        /// The option or format that can hold the number.
+        /// The option or format with which the number can be written.
         remedy: &'static str,
     },
 
@@ -229,7 +229,7 @@ pub enum SurfaceError {
         found: usize,
     },
 
-    /// Two surfaces that must have the same triangles have different ones.
+    /// Two surfaces that must have the same triangles have different triangles.
     #[error(
         "the surfaces' triangles differ, first at triangle {face} (counted from 0): expected {expected:?}, \
          found {found:?}; compare surfaces that have the same triangles"
@@ -388,7 +388,7 @@ pub enum SurfaceError {
     },
 }
 
-/// Returns the number of triangles that differ, with its verb.
+/// Returns the phrase "N triangles differ", or "1 triangle differs".
 fn differing(triangles: usize) -> String {
     if triangles == 1 { "1 triangle differs".to_owned() } else { format!("{triangles} triangles differ") }
 }

@@ -68,7 +68,8 @@ pub fn vertex_normals(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
     normals
 }
 
-/// Returns the smallest and the largest coordinate along each axis. Without points, these are +infinity and -infinity.
+/// Returns the smallest and the largest coordinate along each axis. If there are no points, the smallest coordinates
+/// are +infinity and the largest are -infinity.
 #[must_use]
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     let mut low = [f64::INFINITY; 3];
@@ -92,8 +93,8 @@ pub fn diagonal((low, high): (Vec3, Vec3)) -> f64 {
 /// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
 /// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
 ///
-/// The corners are unit vectors. The determinant is computed from edges, as `a . ((b - a) x (c - a))`. Computed from
-/// the corners, it would lose all digits in triangles with edges of 1e-8 rad.
+/// The corners are unit vectors. The determinant is computed from edges, as `a . ((b - a) x (c - a))`. A determinant
+/// computed from the corners themselves would lose all digits in triangles with edges of 1e-8 rad.
 #[must_use]
 #[inline]
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
@@ -115,7 +116,7 @@ pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn winding_number(directions: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     let covered: f64 = faces.iter().map(|face| solid_angle(face.map(|v| directions[v as usize]))).sum();

@@ -13,16 +13,17 @@ pub enum Hemisphere {
 }
 
 impl Hemisphere {
-    /// Returns the hemisphere of a file: from its metadata (GIfTI's `AnatomicalStructurePrimary`, such as
-    /// `CortexLeft`), otherwise from its name (`lh.pial`, `sub-01.lh.thickness.spharm.npz`,
-    /// `sub-01_hemi-L_white.surf.gii`). `None` if neither contains it.
+    /// Determines the hemisphere of a file from its metadata (GIfTI's `AnatomicalStructurePrimary`, such as
+    /// `CortexLeft`). If the metadata don't state it, determines it from the file's name (`lh.pial`,
+    /// `sub-01.lh.thickness.spharm.npz`, `sub-01_hemi-L_white.surf.gii`). Returns `None` if neither states the
+    /// hemisphere.
     #[must_use]
     pub fn of(anatomical_structure: Option<&str>, path: Option<&Path>) -> Option<Self> {
         anatomical_structure.and_then(Self::of_structure).or_else(|| Self::of_name(path?))
     }
 
-    /// Returns the hemisphere of a side with this name, such as `lh`, `left` or `L`, in upper or lower case. `None` for
-    /// other names.
+    /// Returns the hemisphere for the name of a side, such as `lh`, `left` or `L`, in upper or lower case. Returns
+    /// `None` for other names.
     #[must_use]
     pub fn of_side(name: &str) -> Option<Self> {
         match name.to_lowercase().as_str() {

@@ -1,9 +1,9 @@
 //! Computes singular values of 3 x 3 matrices, and the rotation that best fits two sets of vectors.
 //!
-//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): let `M = sum
-//! g_i f_i^T` have the singular value decomposition `M = U S V^T`, and let d = det(U V^T). Among all rotations Q, `tr
-//! Q^T M` is largest for `Q = U diag(1, 1, d) V^T`, with the value `s_1 + s_2 + d s_3`; d is the sign of det M. If
-//! reflections are allowed, too, it is largest for `Q = U V^T`.
+//! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): for pairs of
+//! vectors `f_i` and `g_i`, let `M = sum g_i f_i^T` have the singular value decomposition `M = U S V^T`, and let d =
+//! det(U V^T). Among all rotations Q, `tr Q^T M` is largest for `Q = U diag(1, 1, d) V^T`, with the value `s_1 + s_2 +
+//! d s_3`. d is the sign of det M. If reflections are allowed, too, the trace is largest for `Q = U V^T`.
 //!
 //! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for rounding accuracy,
 //! and small singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13,
@@ -98,11 +98,11 @@ pub fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
     product(&turned, &transposed(&v))
 }
 
-/// Returns the largest tr Q^T M over rotations Q, `s_1 + s_2 + d s_3`; with `mirror`, over all orthogonal Q, `s_1 + s_2
-/// + s_3`.
+/// Returns the largest tr Q^T M over all rotations Q, which is `s_1 + s_2 + d s_3`. With `mirror`, returns the largest
+/// value over all orthogonal Q, which is `s_1 + s_2 + s_3`.
 ///
-/// It is computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the cost of the decomposition.
-/// It is meant for searches, because the relative error is about 1e-8 if singular values coincide.
+/// The trace is computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the cost of the
+/// decomposition. The relative error is about 1e-8 if singular values coincide, so the function is meant for searches.
 #[must_use]
 pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
     // The result is the largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared
@@ -116,7 +116,8 @@ pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
     let d = dot(m[0], rows[0]);
     let d = if mirror { d.abs() } else { d };
     let constant = e1 * e1 - 4.0 * e2;
-    // Newton's iteration starts at sqrt(3) |M| >= s_1 + s_2 + s_3, from where it decreases monotonically to the root.
+    // Newton's iteration starts at sqrt(3) |M|, which is at least the sum of the singular values, s_1 + s_2 + s_3. From
+    // there it decreases monotonically to the root.
     let mut x = (3.0 * e1).sqrt();
     for _ in 0..60 {
         let square = x * x;

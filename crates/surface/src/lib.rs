@@ -6,8 +6,8 @@
 //! # Conventions
 //!
 //! - Positions are f64, in the file's own unit and axes (mm and RAS+ for brains). Transforms in files aren't applied.
-//! - Triangles are counter-clockwise seen from outside. The order of vertices and the winding are kept, since the
-//!   subjects of a study share them; the exceptions are [`repair`], reflections, and formats that store a vertex
+//! - Triangles are counter-clockwise seen from outside. The order of vertices and the winding are kept, because the
+//!   subjects of a study share them. The exceptions are [`repair`], reflections, and formats that store a vertex
 //!   several times.
 //! - A [`Signal`] is (vertices, channels), row-major.
 //! - Distances are squared. msd and xsd are the mean and maximal squared distance after scaling the bounding box to

@@ -13,17 +13,17 @@
 //!
 //! The signs of the three determinants decide whether d is inside a triangle. They are exact for the given numbers
 //! (Shewchuk's adaptive predicate, crate `robust`), so a sphere without flipped triangles has no gaps at edges or
-//! vertices. For a direction on an edge, the triangle with the smaller index is returned. Triangles that are flipped
-//! or without area are ignored, which does no harm if other triangles cover their part of the sphere. A direction that
-//! no triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if its distance is at most
-//! [`TOLERANCE`]; otherwise it isn't found.
+//! vertices. For a direction on an edge, the triangle with the smaller index is returned. Triangles that are flipped or
+//! without area are ignored, which does no harm if other triangles cover their part of the sphere. A direction that no
+//! triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if the distance to this triangle is
+//! at most [`TOLERANCE`]. Otherwise no triangle is found.
 //!
 //! # Cost
 //!
 //! A bounding-volume hierarchy (parry3d's) has a box around each *spherical* triangle, and is searched for the boxes
 //! that contain the unit vector d. The hierarchy adapts to the triangles' density, however uneven it is. A spherical
 //! triangle rises above the plane of its corners by at most 1 - sqrt(1 - e^2 / 3), with e the longest edge of the flat
-//! triangle. Its box is the box of the corners, enlarged by this much.
+//! triangle. The box of a spherical triangle is therefore the box of its corners, enlarged by this height.
 //!
 //! If slivers share a pole, each of them lies in the boxes of nearly all others, and these boxes are enlarged
 //! considerably. For spheres made of slivers, such as fans, each flat triangle therefore has a box in its own
@@ -41,7 +41,7 @@ use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
 use crate::sliver_tree::{SliverTree, is_of_slivers};
 
-/// Largest distance from the nearest triangle, in radians, at which a direction counts as covered.
+/// A direction is treated as covered if its distance from the nearest triangle, in radians, is at most this value.
 pub const TOLERANCE: f64 = 1e-9;
 
 /// The point where a direction meets a sphere's triangles.
@@ -69,7 +69,7 @@ pub struct SphereLocator {
 enum Tree {
     /// Axis-aligned boxes around the spherical triangles.
     Boxes(Bvh),
-    /// Boxes around the flat triangles, in the orientations of the triangles.
+    /// Boxes around the flat triangles. Each box is rotated with its triangle.
     Slivers(SliverTree),
 }
 
@@ -102,7 +102,7 @@ impl SphereLocator {
         let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();
         let positive = |corners: &[[Vec3; 3]]| corners.iter().filter(|c| orientation(**c) > 0.0).count();
         let mut upright = positive(&corners);
-        // An inward sphere is treated as wound outwards from here on; `locate` restores the order of the weights.
+        // If the sphere's triangles wind inwards, they are reversed here. `locate` restores the order of the weights.
         let inward = 2 * upright < corners.len();
         if inward {
             corners.iter_mut().for_each(|c| c.swap(1, 2));
@@ -118,8 +118,8 @@ impl SphereLocator {
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
 
-    /// Returns the number of triangles that are wound against the majority or have no area. It is 0 for a one-to-one
-    /// parameterisation.
+    /// Returns the number of triangles that are wound against the majority or have no area. The number is 0 for a
+    /// one-to-one parameterisation.
     #[must_use]
     pub fn flipped(&self) -> usize {
         self.flipped
@@ -135,13 +135,14 @@ impl SphereLocator {
     ///
     /// # Panics
     ///
-    /// If the place belongs to another sphere.
+    /// Panics if the place belongs to another sphere.
     #[must_use]
     pub fn corners(&self, place: &Place) -> [u32; 3] {
         self.faces[place.triangle as usize]
     }
 
-    /// Returns the triangle that a unit vector meets and the weights of the point; `None` if no triangle is met.
+    /// Returns the triangle that the ray along a unit vector meets, and the weights of the corners at the intersection.
+    /// Returns `None` if no triangle is met.
     #[must_use]
     pub fn locate(&self, direction: [f64; 3]) -> Option<Place> {
         let mut inside: Option<u32> = None;

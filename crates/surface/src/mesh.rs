@@ -2,9 +2,9 @@
 
 /// A triangle mesh.
 ///
-/// This crate keeps the order of the vertices, which the subjects of a study share, and the winding of the triangles,
-/// which is counter-clockwise seen from outside by convention. The exceptions are repairs, reflections, and formats
-/// that store a vertex several times.
+/// This crate keeps the order of the vertices, which the subjects of a study share, and the winding of the triangles.
+/// The exceptions are repairs, reflections, and formats that store a vertex several times. By convention, triangles are
+/// counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Positions, in the file's unit and axes: mm and RAS+ for brains.
@@ -26,7 +26,7 @@ impl Mesh {
     ///
     /// # Panics
     ///
-    /// If the number of positions isn't the number of vertices.
+    /// Panics if the number of positions isn't the number of vertices.
     #[must_use]
     pub fn with_vertices(&self, vertices: Vec<[f64; 3]>) -> Self {
         assert_eq!(
@@ -43,10 +43,10 @@ impl Mesh {
 /// Metadata of a mesh's file, which are preserved from reading to writing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
-    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`; Workbench requires it.
+    /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`. Workbench requires this entry.
     pub anatomical_structure_primary: Option<String>,
-    /// GIfTI metadata of the file as a whole, as pairs (name, value). If a VTK, PLY, STL or OBJ file states its axes,
-    /// like those of 3D Slicer, it has the pair (`SPACE`, `LPS`) or (`SPACE`, `RAS`).
+    /// GIfTI metadata of the file, as pairs (name, value). If a VTK, PLY, STL or OBJ file states its axes, as the files
+    /// of 3D Slicer do, the list has the pair (`SPACE`, `LPS`) or (`SPACE`, `RAS`).
     pub file_metadata: Vec<(String, String)>,
     /// GIfTI metadata of the point set, without `AnatomicalStructurePrimary`, as pairs (name, value).
     pub surface_metadata: Vec<(String, String)>,
@@ -87,7 +87,7 @@ impl Signal {
     ///
     /// # Panics
     ///
-    /// If the number of values isn't `vertices * channels`.
+    /// Panics if the number of values isn't `vertices * channels`.
     #[must_use]
     pub fn new(values: Vec<f64>, vertices: usize, channels: usize) -> Self {
         assert_eq!(

@@ -39,7 +39,7 @@ impl TriangleTree {
     ///
     /// # Panics
     ///
-    /// If a triangle's index is out of range.
+    /// Panics if a triangle's index is out of range.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
         let triangles: Vec<[Vec3; 3]> = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize])).collect();
@@ -63,12 +63,12 @@ impl TriangleTree {
         Some(self.on_triangle(triangle, point))
     }
 
-    /// Returns the nearest triangle and its distance from `point`; `None` in the same cases as
+    /// Returns the nearest triangle and its distance from `point`. The result is `None` in the same cases as for
     /// [`nearest`](Self::nearest). The search is fast if `near`, a triangle close to the nearest one, is given.
     ///
     /// # Panics
     ///
-    /// If `near` is out of range.
+    /// Panics if `near` is out of range.
     #[must_use]
     pub fn distance(&self, point: [f64; 3], near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {

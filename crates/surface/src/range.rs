@@ -1,19 +1,20 @@
 //! Scales numbers whose products leave the range of f64.
 //!
 //! Squares of numbers above 1e154 overflow, and squares of numbers below 1e-162 underflow. Sums of squares are then
-//! infinite or zero, although the numbers and the final results can be represented with all digits. Transforms leave
-//! the range earlier, because they multiply values by 2^930 and Legendre functions by 2^-930. Numbers far from 1 are
-//! therefore multiplied by a power of two beforehand, and results by its inverse afterwards. Both multiplications are
-//! exact, except for results below the smallest normal number. Numbers of ordinary size aren't changed.
+//! infinite or zero, although the numbers and the final results can be represented with all digits. Values in
+//! transforms leave the range earlier, because transforms multiply values by 2^930 and Legendre functions by 2^-930.
+//! Numbers far from 1 are therefore multiplied by a power of two beforehand, and results by its inverse afterwards.
+//! Both multiplications are exact, except for results below the smallest normal number. Numbers of ordinary size aren't
+//! changed.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 
 /// Numbers from 2^-30 to 2^32 (about 1e-9 to 4e9) are left unchanged. A sum of products of a weight and a value over
-/// millions of vertices then stays below 2^90, and transforms can multiply it by 2^930.
+/// millions of vertices then stays below 2^90, and transforms can multiply it by 2^930 without overflow.
 const SAFE: i32 = 30;
 
-/// Largest exponent of a power of two by which [`times`] multiplies at once; f64 represents exponents up to 1023.
+/// Largest exponent of a power of two by which [`times`] multiplies at once. f64 can represent exponents up to 1023.
 const STEP: i32 = 1000;
 
 /// Returns the exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. e is even, so
@@ -45,8 +46,8 @@ pub fn even_exponent(values: impl IntoIterator<Item = f64>) -> Option<i32> {
     Some(exponent - exponent.rem_euclid(2))
 }
 
-/// Returns `value * 2^exponent`. The result is exact unless it is below the smallest normal number, and infinite on
-/// overflow.
+/// Returns `value * 2^exponent`. The result is exact, unless its magnitude is below the smallest normal number. On
+/// overflow, the result is infinite.
 #[must_use]
 pub fn times(value: f64, exponent: i32) -> f64 {
     let power = |e: i32| f64::from_bits(((1023 + e) as u64) << 52);

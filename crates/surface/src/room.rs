@@ -1,9 +1,9 @@
-//! Checks that memory suffices for a file's contents before it is allocated.
+//! Checks that the free memory suffices for a file's contents, before the memory is allocated.
 //!
 //! A file states the size of its contents, and the contents of a compressed file can be a thousand times as large as
-//! the file. Before readers allocate memory, and again while they decode, they compare the size with two bounds. These
-//! are the free memory, if the program has provided a function that returns it, and [`most_expanded`], which no genuine
-//! file of numbers exceeds.
+//! the file. Before readers allocate memory, and again during decoding, they compare the size of the contents with two
+//! bounds. The first bound is the free memory, if the program has provided a function that returns it. The second bound
+//! is [`most_expanded`], which no genuine file of numbers exceeds.
 
 use std::fmt;
 use std::sync::OnceLock;
@@ -17,7 +17,7 @@ const SMALL: u64 = 4 << 20;
 /// Sets the function that returns the number of bytes of free memory, for all readers of this process. Only the first
 /// call has an effect. If no function is set, memory is assumed to suffice.
 pub fn ask_for_free_memory(free: fn() -> usize) {
-    // A second call is ignored; programs call this once, at their start.
+    // A second call is ignored, because programs call this function once, at their start.
     let _ = FREE.set(free);
 }
 
@@ -37,7 +37,8 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
 }
 
 /// Returns the largest plausible size of the contents of a file with `compressed` bytes. Numbers of surfaces and text
-/// compress two- to tenfold; constants compress up to a thousandfold, but files contain few of them.
+/// can be compressed two- to tenfold. Constant values can be compressed up to a thousandfold, but files contain few
+/// constant values.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)

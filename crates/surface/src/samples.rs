@@ -1,9 +1,9 @@
 //! Samples a sphere's triangles densely, for least squares over a whole surface rather than only over its vertices.
 //!
-//! A mesh over a sphere is a function on the sphere: it maps each triangle of the sphere (projected from the centre)
-//! linearly to a triangle of the surface. To fit a model of degree L, integrals over the sphere are needed. They are
-//! computed as sums over samples that are no farther apart than the model's resolution, pi / L, each weighted by its
-//! solid angle:
+//! A mesh over a sphere is a function on the sphere. The function maps each triangle of the sphere (projected from the
+//! centre) linearly to a triangle of the surface. To fit a model of degree L, integrals over the sphere are needed.
+//! These integrals are computed as sums over samples that are no farther apart than the model's resolution, pi / L.
+//! Each sample is weighted by its solid angle:
 //!
 //! ```text
 //! integral f(u) du  =  sum_t sum_i  w_ti f(u_ti),   u = p / |p|,   w = share det(a, b, c) / (2 |p|^3)
@@ -18,13 +18,13 @@
 //! for polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section
 //! 4.3). The squared distance from a linear function is then integrated exactly. A larger triangle is cut parallel to
 //! its shortest edge into layers no thicker than the spacing, measured along its sides. Each layer is cut into cells no
-//! wider than the spacing. A cell is sampled at the 2 x 2 points of Gauss's rule, which is exact for degree 3; the two
+//! wider than the spacing. A cell is sampled at the 2 x 2 points of Gauss's rule, which is exact for degree 3. The two
 //! positions between apex and base take the growing width of the cell into account. Triangles that come near the
 //! sphere's centre have smaller cells, since their points lie farther apart on the sphere than on the triangle. A
-//! sliver gets a single row of n cells, where a grid of similar triangles would need n^2.
+//! sliver gets a single row of n cells, whereas a grid of similar triangles would need n^2 cells.
 //!
-//! With a spacing of 3 / L, the points are about as dense as the midpoints of cells of size 1.5 / L. A fit agrees to a
-//! thousandth with the fit for twice as many points; docs/algorithms/least-squares.md gives the measurements.
+//! With a spacing of 3 / L, the points are about as dense as the midpoints of cells of size 1.5 / L. A fit agrees to
+//! within a thousandth with the fit for twice as many points. docs/algorithms/least-squares.md gives the measurements.
 
 mod cut;
 
@@ -74,7 +74,8 @@ impl SphereSampling {
         Self::new(directions, faces, CELLS_OF_DEGREE / max_degree.max(1) as f64)
     }
 
-    /// Divides a sphere's triangles into cells no larger than `spacing`, in radians. Models of degree L need 3 / L.
+    /// Divides a sphere's triangles into cells no larger than `spacing`, in radians. Models of degree L need a spacing
+    /// of 3 / L.
     ///
     /// # Errors
     ///
@@ -151,8 +152,8 @@ impl SphereSampling {
                     let Some(out) = out.next() else { return };
                     let p = add(scale(a, u), add(scale(b, v), scale(c, w)));
                     let radius = dot(p, p).sqrt();
-                    // Near the centre a point has no well-defined direction and hardly any solid angle, so its weight
-                    // is 0.
+                    // Near the centre of the sphere, a point has no well-defined direction and almost no solid angle,
+                    // so its weight is set to 0.
                     *out =
                         if radius > 1e-9 { (p, 0.5 * share * volume / (radius * radius * radius)) } else { (a, 0.0) };
                 });
@@ -169,7 +170,7 @@ impl SphereSampling {
     ///
     /// # Panics
     ///
-    /// If `values` has fewer rows than the triangles' indices require.
+    /// Panics if `values` has fewer rows than the triangles' indices require.
     #[must_use]
     pub fn interpolate(&self, values: ArrayView2<'_, f64>, triangles: Range<usize>) -> Array2<f64> {
         let mut samples = Array2::zeros((self.samples(triangles.clone()), values.ncols()));
@@ -182,8 +183,8 @@ impl SphereSampling {
     ///
     /// # Panics
     ///
-    /// If `values` has fewer rows than the triangles' indices require, or `samples` has fewer rows than there are
-    /// samples.
+    /// Panics if `values` has fewer rows than the triangles' indices require, or `samples` has fewer rows than there
+    /// are samples.
     pub fn interpolate_to(
         &self,
         values: ArrayView2<'_, f64>,

@@ -1,13 +1,14 @@
 //! Relates a surface that was cut open along loops to the original surface.
 //!
-//! A surface with handles can't be mapped to the sphere. It can be mapped once it has been cut open along loops and
-//! both sides of each loop have been filled. The vertices of the cut surface are the n vertices of the original in
-//! their order, then copies of the vertices on the seams, then the vertices of the fillings. Its triangles are the F
-//! triangles of the original in their order, on one side of each seam with copied vertices, then the triangles of the
-//! fillings. Therefore n, F and the list of copied vertices suffice to recover the original.
+//! A surface with handles can't be mapped to the sphere. The surface can be mapped after it has been cut open along
+//! loops and both sides of each loop have been filled. The vertices of the cut surface are the n vertices of the
+//! original in their order, then copies of the vertices on the seams, then the vertices of the fillings. Its triangles
+//! are the F triangles of the original in their order, then the triangles of the fillings. On one side of each seam,
+//! the triangles of the original use the copied vertices. Therefore n, F and the list of copied vertices suffice to
+//! recover the original.
 //!
-//! The GIfTI file of the sphere stores these as metadata: `SpharmCutFrom` contains n and F, `SpharmSeam` the list of
-//! copied vertices. A model stores the same data in arrays.
+//! The GIfTI file of the sphere stores these data as metadata: `SpharmCutFrom` contains n and F, `SpharmSeam` the list
+//! of copied vertices. A model stores the same data in arrays.
 
 use crate::mesh::{Mesh, Meta};
 
@@ -31,7 +32,7 @@ pub struct Seam {
 pub struct Welded {
     /// The surface, with the vertices and triangles of the original.
     pub mesh: Mesh,
-    /// Largest distance between positions of the same vertex before they were merged, in the surface's unit.
+    /// Largest distance between the positions of the same original vertex in the cut surface, in the surface's unit.
     pub gap: f64,
 }
 
@@ -41,7 +42,7 @@ impl Seam {
     ///
     /// # Errors
     ///
-    /// A description of the inconsistency, if there is one.
+    /// Returns a description of the inconsistency, if there is one.
     pub fn checked(self, vertices: usize, faces: usize) -> Result<Self, String> {
         if self.vertices.checked_add(self.copies.len()).is_none_or(|known| known > vertices) {
             let copies = self.copies.len();
@@ -66,8 +67,8 @@ impl Seam {
     ///
     /// # Errors
     ///
-    /// A description of the inconsistency, as in [`checked`](Self::checked), or of a triangle of the original that uses
-    /// a vertex of a filling.
+    /// Returns a description of the inconsistency, as in [`checked`](Self::checked), or of a triangle of the original
+    /// that uses a vertex of a filling.
     pub fn weld(&self, cut: &Mesh) -> Result<Welded, String> {
         let Self { vertices, faces, copies } = self.clone().checked(cut.vertices.len(), cut.faces.len())?;
         let mut places: Vec<(u32, usize)> = copies.iter().copied().zip(vertices..).collect();

@@ -70,7 +70,8 @@ impl Similarity {
         }
     }
 
-    /// Returns the similarity with another scale factor that brings `centre` to the same place.
+    /// Returns this similarity with another scale factor. The translation is changed such that the image of `centre`
+    /// stays the same.
     #[must_use]
     pub fn with_scale(&self, factor: f64, centre: Vec3) -> Self {
         let translation = sub(self.apply(centre), scale(times(&self.orthogonal, centre), factor));

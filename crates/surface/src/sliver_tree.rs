@@ -19,14 +19,14 @@ use crate::geometry::{Vec3, cross, dot, sub};
 /// Largest number of triangles in a leaf.
 const LEAF: usize = 2;
 
-/// A mesh is treated as one of slivers if the sum of the squared longest edges of its triangles exceeds this multiple
-/// of its area. The quotient is 2.3 for equilateral triangles, and about 10 for typical meshes.
+/// A mesh is treated as a mesh of slivers if the sum of the squared longest edges of its triangles exceeds this
+/// multiple of its area. The quotient is 2.3 for equilateral triangles, and about 10 for typical meshes.
 const THIN: f64 = 100.0;
 
 /// A search tree over triangles.
 pub(crate) struct SliverTree {
     nodes: Vec<Node>,
-    /// Indices of the triangles; those of each node are contiguous.
+    /// Indices of the triangles. The indices of each node's triangles are contiguous.
     order: Vec<u32>,
 }
 
@@ -108,7 +108,7 @@ fn longest([a, b, c]: [Vec3; 3]) -> Vec3 {
     edges.into_iter().fold(edges[0], |most, edge| if dot(edge, edge) > dot(most, most) { edge } else { most })
 }
 
-/// Returns whether the triangles are so thin that axis-aligned boxes would hardly separate them.
+/// Returns whether the triangles are so thin that nearly all of their axis-aligned boxes would overlap.
 pub(crate) fn is_of_slivers(triangles: &[[Vec3; 3]]) -> bool {
     let squares: f64 = triangles.iter().map(|&t| dot(longest(t), longest(t))).sum();
     let area: f64 = triangles.iter().map(|[a, b, c]| 0.5 * length(cross(sub(*b, *a), sub(*c, *a)))).sum();
@@ -125,7 +125,7 @@ fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
         return ALONG;
     }
     let edge = edge.map(|x| x / l);
-    // The normal of a sliver is inaccurate, so it isn't exactly perpendicular to the edge; the frame is made
+    // The computed normal of a sliver is inaccurate and not exactly perpendicular to the edge, so the frame is made
     // orthogonal.
     let across = cross(normal.map(|x| x / m), edge);
     let n = length(across);
@@ -162,7 +162,7 @@ impl SliverTree {
         let corners = || part.iter().flat_map(|&t| triangles[t as usize]);
         let box_in = |axes: [Vec3; 3]| {
             let (low, high) = crate::geometry::bounds(corners().map(|p| axes.map(|axis| dot(axis, p))));
-            // Boxes are enlarged by a few rounding errors.
+            // Boxes are enlarged by a few rounding errors, so that they contain their triangles.
             let half: Vec3 = std::array::from_fn(|k| {
                 0.5 * (high[k] - low[k]) + 8.0 * f64::EPSILON * high[k].abs().max(low[k].abs())
             });
@@ -187,8 +187,9 @@ impl SliverTree {
     /// to the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
-        // Nodes are visited in order of their bounds. Otherwise a point beside a fan would visit all triangles on the
-        // far side, which are all about as far away as the pole.
+        // Nodes are visited in order of their bounds. In another order, the search for a point next to a fan of
+        // triangles would visit all triangles on the fan's far side, because they are all about as far from the point
+        // as the fan's pole.
         let mut left = BinaryHeap::with_capacity(64);
         if let Some(root) = self.nodes.first() {
             left.push(Entry { bound: root.bound(point), node: 0 });

@@ -91,7 +91,7 @@ impl Sphere {
     ///
     /// # Panics
     ///
-    /// If `level` is above 14, as in [`icosphere`].
+    /// Panics if `level` is above 14, as in [`icosphere`].
     #[must_use]
     pub fn icosphere(level: u32) -> Self {
         let mesh = icosphere(level);
@@ -130,7 +130,7 @@ impl Sphere {
     }
 
     /// Returns each vertex's share of the sphere's area, in steradians: a third of the area of the triangles around it.
-    /// The shares sum to 4 pi if the triangles cover the sphere once. Without triangles they are all zero.
+    /// The shares sum to 4 pi if the triangles cover the sphere once. Without triangles, all shares are zero.
     #[must_use]
     pub fn areas(&self) -> Vec<f64> {
         let unit = self.directions.as_slice();
@@ -206,8 +206,8 @@ impl Sphere {
 
 /// Reads a sphere from a mesh or a table. A mesh may have any supported format and any radius, and must be centred at
 /// the origin. A table (`.csv`, `.tsv`, also gzipped) has one direction per row: colatitude and azimuth in radians. If
-/// the table has a header, its names determine the columns and units: `theta` or `colatitude`, `phi` or `azimuth`, in
-/// radians, `lat` and `lon` in degrees, with the suffixes `_deg` and `_rad` for other units.
+/// the table has a header, its names determine the columns and units. `theta` or `colatitude` and `phi` or `azimuth`
+/// are in radians, `lat` and `lon` are in degrees, and the suffixes `_deg` and `_rad` specify other units.
 ///
 /// # Errors
 ///

@@ -18,7 +18,7 @@ pub struct SpreadPoints {
 
 impl SpreadPoints {
     /// Places `count` points. The area, in the order of the triangles, is divided into `count` equal shares, and each
-    /// gets a point. The position within a triangle follows the deterministic sequence R2 of M. Roberts, "The
+    /// share gets a point. The position within a triangle follows the deterministic sequence R2 of M. Roberts, "The
     /// unreasonable effectiveness of quasirandom sequences" (2018), from term `seed` on. A mesh without area gets no
     /// points.
     #[must_use]
@@ -61,7 +61,7 @@ impl SpreadPoints {
     ///
     /// # Panics
     ///
-    /// If the mesh has fewer triangles or vertices than the mesh that the points were placed on.
+    /// Panics if the mesh has fewer triangles or vertices than the mesh that the points were placed on.
     #[must_use]
     pub fn moved(&self, mesh: &Mesh) -> Self {
         let corners = |triangle: &u32| mesh.faces[*triangle as usize].map(|v| mesh.vertices[v as usize]);
@@ -79,7 +79,7 @@ impl SpreadPoints {
     }
 }
 
-/// Returns the cross product of two edges of a triangle; its length is twice the triangle's area.
+/// Returns the cross product of two edges of a triangle. Its length is twice the triangle's area.
 fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
@@ -87,9 +87,9 @@ fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 /// The reciprocals of the plastic number and of its square, which generate the sequence R2.
 const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
-/// Returns the position of a point along the total area, in units of one point's share. The position within the share
-/// follows a golden-section sequence. Otherwise the points could always hit the same positions of a repeating pattern
-/// of triangles.
+/// Returns the position of a point along the cumulative area of the triangles, in units of the area that one point
+/// represents. The position within this area follows a golden-section sequence, because otherwise the points could
+/// always hit the same positions of a repeating pattern of triangles.
 fn place(index: usize, seed: usize) -> f64 {
     index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
 }

@@ -51,7 +51,7 @@ pub enum TargetWarning {
         /// The mask's hemisphere.
         of: Hemisphere,
     },
-    /// A column of a table counts the rows and was left out. This is a note, see [`is_note`](Self::is_note).
+    /// A column of a table has row numbers and was left out. This is a note, see [`is_note`](Self::is_note).
     IndexColumn {
         /// Name of the column.
         name: String,
@@ -61,8 +61,8 @@ pub enum TargetWarning {
         /// First row of the table.
         row: String,
     },
-    /// The triangles face outwards on the surface but inwards on the sphere, or vice versa. The model is then inside
-    /// out.
+    /// The triangles face outwards on the surface but inwards on the sphere, or vice versa. In this case, the model is
+    /// inside out.
     Reversed {
         /// Path of the sphere's file, or `None` if the sphere was made in memory.
         sphere: Option<PathBuf>,
@@ -120,7 +120,7 @@ impl TargetWarning {
         (target != of).then(|| Self::OtherMask { target, mask: mask.to_owned(), of })
     }
 
-    /// Returns whether this is a note about how the file was read, which even a strict fit accepts.
+    /// Returns whether this warning is only a note about how the file was read. Even a strict fit accepts notes.
     #[must_use]
     pub fn is_note(&self) -> bool {
         matches!(self, Self::IndexColumn { .. })
@@ -184,7 +184,8 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// The errors of these two functions.
+    /// The errors of [`from_mesh_with_gaps`](Self::from_mesh_with_gaps) and
+    /// [`from_signal_with_gaps`](Self::from_signal_with_gaps).
     pub fn with_gaps(input: Input, path: Option<&Path>, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let target = match input {
             Input::Mesh(mesh) => {
@@ -199,7 +200,7 @@ impl Target {
         Ok(Self { path: path.map(Path::to_owned), ..target })
     }
 
-    /// Checks that the values are finite at all vertices, except those for which `unread` (n) is true.
+    /// Checks that the values are finite at all vertices, except the vertices for which `unread` (n) is true.
     ///
     /// # Errors
     ///
@@ -214,8 +215,8 @@ impl Target {
         Err(SurfaceError::NonFinite { path, vertex: i / channels, value })
     }
 
-    /// Adds a warning if a mask of the vertices belongs to the other hemisphere, by its file's name. A target whose own
-    /// hemisphere is unknown belongs to that of its sphere.
+    /// Adds a warning if a mask of the vertices belongs to the other hemisphere, by its file's name. If the target's
+    /// own hemisphere is unknown, the sphere's hemisphere is used.
     pub fn check_mask(&mut self, mask: &Path, sphere: &Sphere) {
         let own = Hemisphere::of(self.meta.anatomical_structure_primary.as_deref(), self.path.as_deref());
         self.warnings.extend(TargetWarning::of_mask(own.or_else(|| sphere.hemisphere()), mask));
@@ -263,8 +264,8 @@ fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Spher
 }
 
 /// Returns whether a sphere reverses the orientation of a closed surface with the same triangles: the volumes that the
-/// triangles enclose on the surface and on the sphere have opposite signs. The surface's triangles are used for
-/// both, because the sphere's may wind the other way. If a position isn't finite, the result is false.
+/// triangles enclose on the surface and on the sphere have opposite signs. The surface's triangles are used for both,
+/// because the sphere's triangles may be wound the other way. If a position isn't finite, the result is false.
 fn is_reversed(mesh: &Mesh, sphere: &Sphere) -> bool {
     let of_sphere = || signed_volume_of(sphere.directions.as_slice(), &mesh.faces);
     !sphere.faces.is_empty() && signed_volume(mesh) * of_sphere() < 0.0

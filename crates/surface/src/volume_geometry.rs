@@ -1,9 +1,9 @@
 //! Represents the position of a surface in the volume that it was made from, as recorded by FreeSurfer.
 //!
-//! Coordinates in FreeSurfer's surfaces are relative to the centre of their volume. To convert them to scanner
-//! coordinates, the volume's size, axes and centre (`c_ras`) are needed. FreeSurfer's own format stores these as text
-//! after the triangles, GIfTI files as metadata named `VolGeom...`. Both have the same information, so it is preserved
-//! when a surface is converted from one format to the other.
+//! Coordinates in FreeSurfer's surfaces are relative to the centre of their volume. To convert coordinates to scanner
+//! coordinates, the volume's size, axes and centre (`c_ras`) are needed. FreeSurfer's own format stores this geometry
+//! as text after the triangles, and GIfTI files store it as metadata named `VolGeom...`. Both formats have the same
+//! information, so the geometry is preserved when a surface is converted from one format to the other.
 //!
 //! Source: FreeSurfer's `writeVolGeom` (utils/transform.cpp) and `MRISwriteGIFTI` (utils/gifti.cpp).
 
@@ -25,15 +25,15 @@ pub struct VolumeGeometry {
 
 /// Keys of the three axes and the centre in a FreeSurfer footer.
 const ROWS: [&str; 4] = ["xras", "yras", "zras", "cras"];
-/// Names of the three axes and the centre in GIfTI metadata; each is followed by one of [`DIRECTIONS`].
+/// Names of the three axes and the centre in GIfTI metadata. Each name is followed by one of [`DIRECTIONS`].
 const GIFTI_ROWS: [&str; 4] = ["VolGeomX_", "VolGeomY_", "VolGeomZ_", "VolGeomC_"];
 const DIRECTIONS: [&str; 3] = ["R", "A", "S"];
 const GIFTI_SIZES: [&str; 3] = ["VolGeomWidth", "VolGeomHeight", "VolGeomDepth"];
 const GIFTI_VOXELS: [&str; 3] = ["VolGeomXsize", "VolGeomYsize", "VolGeomZsize"];
 
 impl VolumeGeometry {
-    /// Returns the geometry in a file's metadata: from a FreeSurfer footer if there is one, otherwise from GIfTI
-    /// metadata.
+    /// Returns the geometry in a file's metadata. It is read from the FreeSurfer footer if the metadata have a footer,
+    /// otherwise from GIfTI metadata.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
         let footer = meta.freesurfer_footer.as_deref().and_then(Self::of_footer);

@@ -1,7 +1,7 @@
 //! Locates the surfaces and reference results that tests use.
 //!
 //! References in `tests/data/reference` are part of every clone. Public surfaces, and results of other packages for
-//! these surfaces, are in `../shared/data` beside the checkout, or in the folder given by `SPHARM_SHARED_DATA`. If
+//! these surfaces, are in `../shared/data` next to the checkout, or in the folder given by `SPHARM_SHARED_DATA`. If
 //! such a file is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Therefore no test
 //! passes merely because nothing was compared.
 
@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 /// Environment variable for the folder of the shared data.
 const FOLDER: &str = "SPHARM_SHARED_DATA";
-/// Environment variable that skips comparisons with missing files.
+/// Environment variable that lets tests skip comparisons with missing files.
 const WITHOUT: &str = "SPHARM_WITHOUT_SHARED_DATA";
 
-/// Returns the path of a file or folder of the shared data. Returns `None` if it is missing and comparisons with
-/// missing files are to be skipped.
+/// Returns the path of a file or folder of the shared data. Returns `None` if the file is missing and
+/// `SPHARM_WITHOUT_SHARED_DATA` is set.
 ///
 /// # Panics
 ///

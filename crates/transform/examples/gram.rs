@@ -11,7 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<usize> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
     let max_degree = arguments.first().copied().unwrap_or(100);
     let width = arguments.get(1).copied().unwrap_or(1_024);
-    // The moments are arbitrary, since the time doesn't depend on them.
+    // The moments are arbitrary, because the time doesn't depend on them.
     let moments: Vec<f64> = (0..basis_size(2 * max_degree)).map(|i| (i as f64).sin()).collect();
 
     let start = Instant::now();

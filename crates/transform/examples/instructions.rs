@@ -1,8 +1,8 @@
 //! Runs a kernel a given number of times, so that its instructions can be counted: `RAYON_NUM_THREADS=1 instructions
 //! KERNEL REPEATS`.
 //!
-//! `legendre` is synthesis at few directions and a high degree, where nearly all of the work is Legendre sums;
-//! `synthesis` and `adjoint` are at many directions and a low degree, where most of the work is interpolation.
+//! The kernel `legendre` is a synthesis at few directions to a high degree. Nearly all of its work is Legendre sums.
+//! The kernels `synthesis` and `adjoint` have many directions and a low degree. Most of their work is interpolation.
 
 use std::error::Error;
 

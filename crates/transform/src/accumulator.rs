@@ -5,16 +5,16 @@
 //! sides `A^T W f` to degree L; and a few scalars. Sums over parts of the data can be added, and take less memory than
 //! the data.
 //!
-//! Adding a sample costs as much as spreading it to two grids: w and w f go to the oversampled grids of two [adjoint
-//! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L. The grids are turned into
-//! coefficients once, at the end. The second grid consists of every second point of the first in either direction, so
-//! that samples are placed and sorted once for both. Samples are gathered in *blocks* that fit in the cache, and each
-//! block is sorted by strip of the grids. Once enough samples have been gathered, all samples of a strip are spread
-//! together.
+//! The cost of adding a sample is that of spreading it to the oversampled grids of two [adjoint
+//! syntheses](crate::Transform::adjoint_synthesis): w to the grid of degree 2L, and w f to the grid of degree L. The
+//! grids are converted to coefficients once, at the end. The second grid consists of every second point of the first in
+//! either direction, so that samples are placed and sorted once for both grids. Samples are gathered in *blocks* that
+//! fit in the cache, and each block is sorted by strip of the grids. Once enough samples have been gathered, all
+//! samples of a strip are spread together.
 //!
 //! Memory: the grids take `4 M^2 + c M^2` bytes for c channels and a fine grid of M points around the sphere, with M
-//! from 2.4 to 5.6 times 2L. Up to 8 million samples take `32 + 8 c` bytes each, and at the end spectra take some `16 L
-//! M` bytes. At L = 1,000 the total is some 1 GB. Results are bit-identical for any number of threads.
+//! from 2.4 to 5.6 times 2L. Up to 8 million samples are held, with `32 + 8 c` bytes each. At the end, spectra take
+//! about `16 L M` bytes. At L = 1,000 the total is about 1 GB. Results are bit-identical for any number of threads.
 
 mod blocks;
 mod griddings;
@@ -56,7 +56,8 @@ pub struct Accumulator {
     kernels: [Kernel; 2],
     /// The grid of the weights and the grid of the weighted values.
     grids: [Vec<f64>; 2],
-    /// First the `full` blocks that haven't been spread yet, then blocks that can be refilled.
+    /// Blocks of samples: first `full` blocks that haven't been spread to the grids yet, then blocks that can be
+    /// refilled.
     blocks: Vec<Block>,
     full: usize,
     /// Number of samples in the full blocks; `most_held` is its limit.
@@ -137,8 +138,8 @@ impl Accumulator {
         self.max_degree
     }
 
-    /// Adds samples at the unit vectors `directions` (n, 3) with `weights` (n) and `values` (n, c). Without weights, w
-    /// = 1. The values must be finite, and the weights finite and at least 0.
+    /// Adds samples at the unit vectors `directions` (n, 3) with `weights` (n) and `values` (n, c). If no weights are
+    /// given, w = 1. The values must be finite, and the weights finite and at least 0.
     ///
     /// # Errors
     ///
@@ -162,7 +163,7 @@ impl Accumulator {
         let values = values.as_standard_layout();
         let values = values.as_slice().unwrap_or_default();
         let starts: Vec<usize> = (0..n).step_by(BLOCK).collect();
-        // Takes as many blocks at once as can still be held.
+        // Each round takes as many blocks as can still be held in memory before the held samples must be spread.
         let mut at = 0;
         while at < starts.len() {
             let most = (self.most_held - self.held).div_ceil(BLOCK);
@@ -203,7 +204,7 @@ impl Accumulator {
         self.seconds
     }
 
-    /// Spreads all held samples to the grids. [`add`](Self::add) calls this when there are enough samples, and
+    /// Spreads all held samples to the grids. [`add`](Self::add) calls this function when there are enough samples, and
     /// [`finish`](Self::finish) calls it at the end.
     pub fn spread(&mut self) {
         let started = Instant::now();

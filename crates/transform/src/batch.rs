@@ -15,7 +15,7 @@ pub(crate) struct Batch {
     pub(crate) columns: [usize; BATCH],
     pub(crate) row_values: [[f64; MAX_WIDTH]; BATCH],
     pub(crate) column_values: [[f64; MAX_WIDTH]; BATCH],
-    /// Whether at least every second point's kernel covers the same grid points as the previous one.
+    /// Whether at least every second point's kernel covers the same grid points as the kernel of the previous point.
     pub(crate) dense: bool,
 }
 
@@ -48,7 +48,7 @@ impl Batch {
         }
         kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
         kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
-        // Narrow kernels read and write few grid values, and gain nothing from shared cells.
+        // Narrow kernels read and write few grid values, so they gain nothing if successive points share a cell.
         self.dense = kernel.padded > 8
             && 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
     }

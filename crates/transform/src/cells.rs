@@ -1,9 +1,10 @@
 //! Computes the grid cells that contain directions.
 //!
-//! Rows are colatitudes, columns azimuths. Both are angles `atan2(y, x)`, on a grid whose number of points around is a
-//! multiple of 8. An angle is measured from the nearest multiple of `pi / 4`, which is a whole number of cells. It is
-//! then at most `pi / 8`, and its rounding error a sixteenth of the rounding error of an angle near 2 pi, which matters
-//! at high degrees. Eight directions are processed at a time, whereas a call of the library's `atan` processes one.
+//! Rows are colatitudes, columns azimuths. Colatitudes and azimuths are angles `atan2(y, x)`, on a grid whose number of
+//! points around the sphere is a multiple of 8. An angle is measured from the nearest multiple of `pi / 4`, which is a
+//! whole number of cells. The measured angle is at most `pi / 8`, so its rounding error is a sixteenth of the rounding
+//! error of an angle near 2 pi. This matters at high degrees. Eight directions are processed at a time, whereas a call
+//! of the library's `atan` processes only one direction.
 
 use std::f64::consts::TAU;
 
@@ -35,7 +36,7 @@ const ATAN: [f64; 11] = [
     -0.3333333333333333,
 ];
 
-/// Places unit vectors (n, 3) on a grid of `grid` points around, a multiple of 8.
+/// Places unit vectors (n, 3) on a grid of `grid` points around the sphere. `grid` is a multiple of 8.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) {
     for (directions, places) in directions.chunks(LANES).zip(places.chunks_mut(LANES)) {
@@ -51,7 +52,7 @@ pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) 
     }
 }
 
-/// Computes only the rows that [`place`] computes, at half the cost.
+/// Computes the same rows as [`place`], but no columns, at half the cost.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn rows(directions: &[[f64; 3]], grid: usize, rows: &mut [u32]) {
     for (directions, rows) in directions.chunks(LANES).zip(rows.chunks_mut(LANES)) {
@@ -80,7 +81,7 @@ fn lanes(directions: &[[f64; 3]]) -> ([[f64; LANES]; 3], [f64; LANES]) {
 }
 
 /// Returns the cells of the angles `atan2(y, x)` in [0, 2 pi), and the positions in them. At the origin, where the
-/// angle is arbitrary, it is zero.
+/// angle is undefined, the returned angle is zero.
 #[inline(always)]
 fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([u32; LANES], [f64; LANES]) {
     let (mut cells, mut fractions) = ([0; LANES], [0.0; LANES]);
@@ -98,8 +99,8 @@ fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([
         for coefficient in &ATAN[1..] {
             sum = fused::<FMA>(sum, square, *coefficient);
         }
-        // The angle is `steps` cells from a whole number of cells, `from`; both are mirrored at the diagonal and at
-        // either axis.
+        // The angle, in cells, is `from`, a whole number, plus `steps`. Depending on the octant, it is mirrored at the
+        // diagonal, the y axis and the x axis.
         let mut steps = fused::<FMA>(t * square, sum, t) * (around / TAU);
         let mut from = if far { around / 8.0 } else { 0.0 };
         for (mirrored, axis) in [(steep, around / 4.0), (x[i] < 0.0, around / 2.0), (y[i] < 0.0, around)] {
@@ -148,8 +149,8 @@ mod tests {
 
     #[test]
     fn positions_in_cells_are_those_of_the_angle_to_rounding() {
-        // The grid has 2^20 points around. The tolerance covers the rounding errors of the expected angle and of the
-        // computed one, which is at most a sixteenth of the circle.
+        // The grid has 2^20 points around the sphere. The tolerance covers the rounding errors of the expected angle
+        // and of the arctangent that `place` computes, which is at most a sixteenth of the circle.
         let grid = 1 << 20;
         for i in 0..2_000 {
             let t = (f64::from(i) - 1000.0) / 1000.0;

@@ -1,8 +1,8 @@
 //! Evaluates the Legendre recurrence over pairs of degrees, with one value for two degrees.
 //!
-//! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each function of even k
-//! is a sum of two neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k =
-//! alpha_{m+k}`,
+//! If `z` isn't near zero, the functions of odd `k = l - m` are z times polynomials t in `z^2`, and each function of
+//! even k is a linear combination of two successive polynomials t. With the values r and alpha of
+//! [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
 //!
 //! ```text
 //! r_{m+2j+1} = z sigma_j t_j,   r_{m+2j} = (sigma_j t_j + sigma_{j-1} t_{j-1}) / A_{2j+1},   t_0 = r_m
@@ -18,8 +18,8 @@
 //! ```
 //!
 //! A value costs two fused products for two degrees, whereas r costs a product and a fused product for each degree.
-//! That saves a quarter of the Legendre sums of one channel. K. Ishioka, "A new recurrence formula for efficient
-//! computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
+//! This saves a quarter of the time for the Legendre sums of one channel. K. Ishioka, "A new recurrence formula for
+//! efficient computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
 //!
 //! Next to the equator the two neighbours nearly cancel, and rounding errors grow like `1 / z`, as they grow like `1 /
 //! sin theta` next to the poles. Rings next to the equator are therefore computed one degree at a time.
@@ -27,22 +27,23 @@
 use rayon::prelude::*;
 use spharm_harmonics::double_double::DoubleDouble;
 
-/// Lowest degree at which pairs of degrees pay off. Mixing coefficients takes as long as computing about ten rings, and
-/// so does processing an additional zone of rings.
+/// Pairs of degrees save time only from this degree on. At lower degrees the saving is smaller than two fixed costs:
+/// mixing the coefficients and processing an additional zone of rings. Each takes as long as computing about ten rings.
 const PAIRS_FROM: usize = 256;
-/// A ring counts as next to the equator if the cosine of its colatitude is below `EQUATORIAL_COSINE +
-/// EQUATORIAL_COSINE_PER_DEGREE L`. On such rings, pairs of degrees lose a digit, and more at high degrees.
+/// A ring is regarded as next to the equator if the cosine of its colatitude is below
+/// `EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE L`. On such rings, pairs of degrees lose a digit of accuracy, and
+/// more than a digit at high degrees.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 
-/// Returns the number of rings before those next to the equator, or 0 if the degree is too low for pairs. `cosines`
-/// are the cosines of the rings' colatitudes, from the pole to the equator.
+/// Returns the number of rings, from the pole on, that aren't next to the equator, or 0 if the degree is too low for
+/// pairs of degrees. `cosines` are the cosines of the rings' colatitudes, from the pole to the equator.
 pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
     let least = EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
     if max_degree < PAIRS_FROM { 0 } else { cosines.partition_point(|z| *z >= least) }
 }
 
-/// Values `a`, `b` and mixing factors of all orders.
+/// The factors `a` and `b` of the recurrence, and the mixing factors, of all orders; see the module.
 #[derive(Debug)]
 pub(crate) struct DegreePairs {
     orders: Vec<Order>,
@@ -50,9 +51,11 @@ pub(crate) struct DegreePairs {
 
 #[derive(Debug)]
 struct Order {
-    /// `a_{j-1}` and `b_{j-1}`, by which t_j is computed from t_{j-1} and t_{j-2}; zero for j = 0.
+    /// For each j, the coefficients `a_{j-1}` and `b_{j-1}` by which the polynomial t_j is computed from t_{j-1} and
+    /// t_{j-2}; zero for j = 0.
     steps: Vec<[f64; 2]>,
-    /// Mixing factors `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j` for each j.
+    /// For each j, the factors `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j` by which coefficients are
+    /// mixed; see the [module](self).
     mixing: Vec<[f64; 3]>,
 }
 
@@ -62,13 +65,15 @@ impl DegreePairs {
         Self { orders: (0..=max_degree).into_par_iter().map(|m| order(m, alpha(m))).collect() }
     }
 
-    /// Returns `a_{j-1}` and `b_{j-1}` of order m for each j.
+    /// Returns, for each pair of degrees j, the factors `a_{j-1}` and `b_{j-1}` of the recurrence of order m (see the
+    /// module).
     pub(crate) fn steps(&self, m: usize) -> &[[f64; 2]] {
         &self.orders[m].steps
     }
 
-    /// Mixes the coefficients `x` (L + 1 - m, columns) of order m to `mixed` (pairs, 2 columns), both row-major.
-    /// `mixed` contains, for each channel, cosine and sine of even degrees, then cosine and sine of odd degrees.
+    /// Computes the factors `mixed` (pairs, 2 columns) of the polynomials t (see the module) from the coefficients `x`
+    /// (L + 1 - m, columns) of order m, both row-major. `mixed` contains, for each channel, cosine and sine of even
+    /// degrees, then cosine and sine of odd degrees.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
         let Order { mixing, .. } = &self.orders[m];
         mixed.clear();
@@ -104,8 +109,9 @@ impl DegreePairs {
     }
 }
 
-/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`. This
-/// equation gives a and b with errors in the last bit only. Larger errors would accumulate from step to step.
+/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`. From this
+/// equation, the recurrence's factors a and b are computed with errors in the last bit only. Larger errors would
+/// accumulate from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
@@ -118,7 +124,8 @@ fn order(m: usize, alpha: &[f64]) -> Order {
         let ((above, below), (above_before, below_before)) = (square(m + 2 * j), square(m + 2 * j - 1));
         (above * below_before, below * above_before)
     };
-    // Returns A_{2j+1}. The value beyond the highest degree is computed from the previous one.
+    // Returns A_{2j+1}, the factor alpha of degree m + 2j + 1. If this degree is above the highest degree, the factor
+    // is computed from A_{2j-1}.
     let odd = |j: usize| match (alpha.get(2 * j + 1), j) {
         (Some(alpha), _) => *alpha,
         (None, 0) => 1.0,
@@ -185,8 +192,8 @@ mod tests {
         Problem { alpha, scale, pairs }
     }
 
-    /// Computes `r_l` times its scale in double-double for all degrees at a colatitude, which is P without the factor
-    /// `u^m`.
+    /// Computes `r_l` times its scale in double-double for all degrees at a colatitude. This product is the Legendre
+    /// function P without its factor `sin^m theta`.
     fn exact(max_degree: usize, m: usize, theta: f64, scale: &[f64]) -> Vec<f64> {
         let alpha = MonicRecurrence::new(max_degree).unwrap().exact_order::<false>(m);
         let z = unit::<false>([theta.sin(), 0.0, theta.cos()])[2];
@@ -210,8 +217,8 @@ mod tests {
         pairs.steps(m).iter().map(step).collect()
     }
 
-    /// Computes each function by mixing its unit coefficient and compares it with the one in double-double. Returns
-    /// the largest error relative to the largest value.
+    /// Computes each function of order m from mixed coefficients, and compares it with the function computed in
+    /// double-double. Returns the largest error relative to the largest value.
     fn off(max_degree: usize, m: usize, theta: f64) -> f64 {
         let Problem { alpha, scale, pairs } = problem(max_degree, m);
         let expected = exact(max_degree, m, theta, &scale);

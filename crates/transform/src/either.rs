@@ -6,12 +6,13 @@ use spharm_harmonics::{Directions, HarmonicsError};
 
 use crate::{FINEST, Transform, TransformError, TransformParams};
 
-/// Largest product of the numbers of directions and coefficients at which direct sums are faster than planning a
-/// transform. At this size both take some milliseconds.
+/// Direct sums are used if the number of directions times the number of coefficients is at most this number, because
+/// they are then faster than planning a transform. At this size, direct sums and a transform both take a few
+/// milliseconds.
 const DIRECT: usize = 3_000_000;
 
-/// A transform multiplies coefficients by Legendre functions that were divided by 2^930. Coefficients from this size on
-/// keep their digits.
+/// Smaller coefficients may lose digits by underflow in a transform, because a transform multiplies coefficients by
+/// Legendre functions that were divided by 2^930.
 const SAFE: f64 = power(-40);
 
 /// Evaluates the c functions with the canonical `coefficients` (K, c) at n directions, and returns the samples (n, c).
@@ -42,7 +43,7 @@ pub fn synthesis(directions: &Directions, coefficients: ArrayView2<'_, f64>) -> 
 }
 
 /// Returns the power of two by which to multiply the coefficients of a function so that they keep their digits: 1, or
-/// the power that brings the largest of them near 1.
+/// the power that brings the largest coefficient near 1.
 fn raise(coefficients: ArrayView1<'_, f64>) -> f64 {
     let largest = coefficients.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     if largest == 0.0 || largest >= SAFE {

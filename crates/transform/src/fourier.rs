@@ -2,12 +2,13 @@
 //!
 //! For order m, `Z_m = F_m^cos + i F_m^sin`, continued over the poles by `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
 //! trigonometric polynomial of degree L in theta. Its samples on N rings, `theta_j = (j + 1/2) pi / N`, determine its
-//! spectrum, which is divided by the kernel's and summed on the finer grid of M points around. Even orders have an even
-//! spectrum and odd orders an odd one, so one complex transform serves the sum of two orders, and symmetry separates
-//! them afterwards: two orders of a channel take one transform of length 2 N and one of length M.
+//! spectrum. The spectrum is divided by the spectrum of the kernel, and summed on the finer grid of M points around the
+//! sphere. Even orders have an even spectrum, and odd orders have an odd spectrum. Therefore an even and an odd order
+//! are added before a complex transform, and separated by symmetry afterwards. Two orders of a channel take one
+//! transform of length 2 N and one transform of length M.
 //!
-//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a transform to reals. The coefficients have
-//! already been divided by the kernel's transform in m.
+//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a Fourier transform from complex to real numbers.
+//! The coefficients have already been divided by the kernel's transform in m.
 //!
 //! Cost per channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
 
@@ -22,10 +23,10 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Number of grid rows gathered together. In memory, the orders of one row are far apart, but neighbouring rows are
-/// close.
+/// Number of grid rows gathered together, because neighbouring rows of one order are close in memory, whereas the
+/// orders of one row are far apart.
 const ROWS: usize = 8;
-/// Number of pairs of orders that [`Fourier::grid_to_circles`] processes together.
+/// Number of pairs, of an even order and the odd order after it, that [`Fourier::grid_to_circles`] processes together.
 const PAIRS: usize = 4;
 
 /// The Fourier transforms of one gridding.
@@ -38,8 +39,8 @@ pub(crate) struct Fourier {
     grid_inverse: Arc<dyn Fft<f64>>,
     to_reals: Arc<dyn ComplexToReal<f64>>,
     from_reals: Arc<dyn RealToComplex<f64>>,
-    /// Factors `e^{-i k pi / 2N} / (2 N p_k)` that correct the frequencies `k >= 0` in theta. The factors for -k are
-    /// their conjugates.
+    /// Factors `e^{-i k pi / 2N} / (2 N p_k)` that correct the frequencies `k >= 0` in theta, with the transform p_k of
+    /// the [kernel](crate::kernel). The factors for -k are their conjugates.
     correction: Vec<Complex64>,
 }
 
@@ -88,7 +89,8 @@ impl Fourier {
         }
     }
 
-    /// Returns the number of pairs of orders.
+    /// Returns the number of pairs of orders. A pair is an even order m and the odd order m + 1. If L is even, the last
+    /// pair has only the order L.
     pub(crate) fn order_pairs(&self) -> usize {
         self.max_degree / 2 + 1
     }
@@ -109,8 +111,9 @@ impl Fourier {
         }
     }
 
-    /// Transforms one pair of orders of one channel from rings to the M points of a great circle, `out`. `ring` returns
-    /// the sums at a pair of rings; pairs are counted from the pole to the equator.
+    /// Transforms an even order and the odd order after it, of one channel, from rings to the M points of a great
+    /// circle, `out`. `ring` returns the Legendre sums at a pair of rings; the pairs are numbered from the pole to the
+    /// equator.
     pub(crate) fn rings_to_circle(
         &self,
         ring: impl Fn(usize) -> RingPair,
@@ -169,7 +172,8 @@ impl Fourier {
         }
     }
 
-    /// Transforms all circles (order pairs, channels, M) to the rows of the grid.
+    /// Transforms all circles to the rows of the grid. The circles have the shape (pairs, channels, M), with a pair for
+    /// each even order and the odd order after it.
     pub(crate) fn circles_to_grid(&self, circles: &[Complex64], layout: Layout, grid: &mut [f64]) {
         let (m, channels) = (self.gridding.grid, layout.channels);
         let length = m / 2 + 1;
@@ -211,7 +215,8 @@ impl Fourier {
         circles: &mut [Complex64],
     ) {
         let (m, channels, count) = (self.gridding.grid, layout.channels, self.max_degree + 1);
-        // First compute the spectra (rows, channels, orders) of the rows, then the circles from these spectra.
+        // First compute the spectra (rows, channels, orders) of the grid's rows. From these spectra, compute the
+        // circles: the values of each pair of orders on a great circle.
         layout.core_mut(grid, ROWS).zip(spectra.par_chunks_mut(ROWS * channels * count)).for_each_init(
             || self.work(),
             |work, (rows, spectra)| {
@@ -229,7 +234,7 @@ impl Fourier {
             },
         );
         let spectra = &*spectra;
-        // A few pairs are processed together, since they share the cache lines of a spectrum.
+        // A few pairs are processed together, because they share the cache lines of a spectrum.
         circles.par_chunks_mut(PAIRS * channels * m).enumerate().for_each(|(group, circles)| {
             for channel in 0..channels {
                 for i in 0..layout.core_rows() {
@@ -244,8 +249,8 @@ impl Fourier {
                         }
                         let odd = spectrum.get(order + 1).copied().unwrap_or_default();
                         if i == 0 || 2 * i == m {
-                            // The point is its own mirror image: the even order counts twice, and the odd order
-                            // cancels.
+                            // The point is its own mirror image, so the sum over both images is twice the even order's
+                            // value, and the odd order cancels.
                             circle[i] = even + even;
                         } else {
                             (circle[i], circle[m - i]) = (even + odd, even - odd);

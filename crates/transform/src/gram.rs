@@ -2,10 +2,10 @@
 //! evaluating the basis.
 //!
 //! The Gram matrix depends on weights and directions only through the *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to
-//! degree 2L, which one adjoint synthesis of the weights computes: a product of two harmonics of degrees up to L has
-//! degree 2L. With `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to 2L. The
-//! integrand has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly. On these rings, for orders m, m' >= 0
-//! and s, s' in {cos, sin},
+//! degree 2L, because a product of two harmonics of degrees up to L has degree 2L. One adjoint synthesis of the weights
+//! computes the moments. With `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for every h of degree up to
+//! 2L. The integrand has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly. On these rings, for orders m,
+//! m' >= 0 and s, s' in {cos, sin},
 //!
 //! ```text
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(theta_j) W_{m,m'}^{s,s'}(j) P_{l',m'}(theta_j)
@@ -14,15 +14,16 @@
 //! ```
 //!
 //! where `c_k`, `d_k` are half the Fourier coefficients of S on the ring (`gram/measure.rs`). A product of three
-//! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even, since `S_{lm}(-x) = (-1)^l
-//! S_{lm}(x)`: only moments whose degree has the parity of l + l' contribute, and for these the integrand is the same
-//! on mirrored rings. That leaves the L + 1 rings from the north pole to the equator, and half of the flops.
+//! harmonics of degrees l, l', l'' integrates to zero unless l + l' + l'' is even, because
+//! `S_{lm}(-x) = (-1)^l S_{lm}(x)`. Therefore only moments whose degree has the parity of l + l' contribute. For these
+//! moments the integrand is the same on mirrored rings, so the L + 1 rings from the north pole to the equator suffice.
+//! This halves the number of flops.
 //!
 //! # Cost
 //!
-//! Independently of n: `L^5` flops for the lower triangle (1.05e10 at L = 100, 3.3e11 at L = 200), and some `40 L^3`
-//! for the tables. For the memory of the tables see [`MomentGram::bytes`]: 12 MB at L = 100, 65 MB at L = 200. The
-//! matrix itself takes `8 (L + 1)^4` bytes and is written once, column by column.
+//! The cost doesn't depend on n. The lower triangle takes `L^5` flops (1.05e10 at L = 100, 3.3e11 at L = 200), and the
+//! tables take about `40 L^3` flops. The memory of the tables is 12 MB at L = 100 and 65 MB at L = 200; see
+//! [`MomentGram::bytes`]. The matrix itself takes `8 (L + 1)^4` bytes and is written once, column by column.
 //!
 //! # Range
 //!
@@ -32,7 +33,7 @@
 //!
 //! On the circle, the Gram matrix of scattered data computed from its moments is the Toeplitz matrix of H. G.
 //! Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical methods in non-uniform sampling theory", Numer.
-//! Math. 69 (1995); this is the analogue on the sphere.
+//! Math. 69 (1995). The Gram matrix computed here is the analogue on the sphere.
 //!
 //! ```
 //! use spharm_transform::MomentGram;
@@ -64,8 +65,8 @@ use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Number of pairs (l', m') per task. Every task reads the whole Legendre table, so tasks must not be small, but there
-/// must be enough of them for all threads.
+/// Number of pairs (l', m') per task. Every task reads the whole Legendre table, so tasks must not be small. On the
+/// other hand, all threads need tasks.
 const TASK: usize = 32;
 /// Number of columns and of rows of the tiles in which the matrix is mirrored. A tile takes 32 kB, which fits in the L1
 /// cache.
@@ -123,9 +124,9 @@ impl MomentGram {
     /// Writes the entries in `rows` and `columns`, anywhere in the symmetric matrix, to `out`, a column-major matrix
     /// (rows, columns) whose columns are `leading` values apart.
     ///
-    /// Tiles of several complete degrees cost least per entry: the columns of a degree and order, cosine and sine,
-    /// share their sums, and a kernel processes three degrees of equal parity at a time. Tiles of fewer than two
-    /// degrees per side cost three times as much per entry.
+    /// Tiles of several complete degrees cost least per entry, because the cosine and sine columns of a degree and
+    /// order share their sums, and because a kernel processes three degrees of equal parity at a time. Tiles of fewer
+    /// than two degrees per side cost three times as much per entry.
     ///
     /// # Panics
     ///
@@ -148,7 +149,8 @@ impl MomentGram {
         mirror_lower(out, size);
     }
 
-    /// Writes the entries in `rows` and `columns`; with `lower`, only those on and below the diagonal.
+    /// Writes the entries in `rows` and `columns`. If `lower` is set, writes only the entries on and below the
+    /// diagonal.
     fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
         let size = self.size();
         assert!(rows.end <= size && columns.end <= size, "rows {rows:?} and columns {columns:?} must be below {size}");
@@ -164,7 +166,8 @@ impl MomentGram {
             out.len()
         );
 
-        // Columns of one order, cosine and sine, share factors of their sums.
+        // Group the columns by order, because the sums of the cosine and the sine column of one order have factors in
+        // common.
         let mut orders: Vec<Vec<Part<'_>>> = (0..=self.max_degree()).map(|_| Vec::new()).collect();
         for (column, values) in columns.zip(out[..needed].chunks_mut(leading)) {
             let (degree, order) = degree_order(column);
@@ -184,8 +187,8 @@ impl MomentGram {
         });
     }
 
-    /// Groups the columns, given by order, into tasks of about [`TASK`] degrees: of one order if it has that many,
-    /// otherwise of as many orders as fit in the cache together.
+    /// Groups the columns, which are sorted by order, into tasks of about [`TASK`] degrees. A task consists of one
+    /// order if the order has that many degrees, and otherwise of as many orders as fit in the cache together.
     fn tasks<'a>(&self, orders: Vec<Vec<Part<'a>>>) -> Vec<Vec<Columns<'a>>> {
         let most = panel::most_orders(self.measure.rings());
         let mut tasks: Vec<Vec<Columns<'a>>> = Vec::new();

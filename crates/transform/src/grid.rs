@@ -1,9 +1,9 @@
 //! The oversampled grid of real values, with margins.
 //!
-//! Rows are colatitudes `2 pi i / M`, `i = 0..=M/2`, columns are azimuths `2 pi k / M`; both have margins, so that a
-//! kernel near an edge needs no special case. A margin row beyond a pole copies the row at the same distance on the
-//! near side of the pole, shifted by half a turn; a margin column copies the column a full turn away. The values of all
-//! channels of a row are contiguous: (rows, channels, columns).
+//! Rows are colatitudes `2 pi i / M`, `i = 0..=M/2`, columns are azimuths `2 pi k / M`. Rows and columns have margins,
+//! so that a kernel near an edge needs no special case. A margin row beyond a pole copies the row at the same distance
+//! on the near side of the pole, shifted by half a turn; a margin column copies the column a full turn away. The values
+//! of all channels of a row are contiguous: (rows, channels, columns).
 
 use std::ops::Range;
 

@@ -11,7 +11,8 @@ pub const FINEST: f64 = 1e-13;
 /// The coarsest accuracy for which a transform can be planned.
 pub const COARSEST: f64 = 1e-3;
 
-/// The smallest number of grid points around. The grid must have several strips of rows, to be shared by threads.
+/// The smallest number of grid points around the sphere. The grid must have several strips of rows, to be shared by
+/// threads.
 pub(crate) const MIN_GRID: usize = 64;
 /// The largest oversampling, the ratio of grid points to the Nyquist number `2 L + 2`.
 pub(crate) const MAX_OVERSAMPLING: f64 = 2.8;
@@ -24,10 +25,10 @@ pub(crate) struct Gridding {
     pub(crate) grid: usize,
     /// Number of grid points under the kernel in each direction, w.
     pub(crate) width: usize,
-    /// Kernel width for which strips of the grid are laid out, at least w: the width of the plan that sorted the
-    /// directions.
+    /// Kernel width for which the strips of the grid are laid out. It is the width of the plan that sorted the
+    /// directions, and at least w.
     pub(crate) reach: usize,
-    /// Number of rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
+    /// Number of rings from pole to pole on which Legendre functions are summed, N. A great circle has 2 N points.
     pub(crate) rings: usize,
 }
 
@@ -59,8 +60,8 @@ impl Gridding {
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, reach: MAX_WIDTH, rings }))
     }
 
-    /// Returns the gridding of the same grid for a lower degree. A narrower kernel may suffice, since the grid is finer
-    /// relative to the degree.
+    /// Returns the gridding of the same grid for a lower degree. A narrower kernel may suffice, because the grid is
+    /// finer relative to the degree.
     pub(crate) fn of_degree(&self, max_degree: usize, accuracy: f64) -> Self {
         let width = (4..self.width).find(|&width| error(width, max_degree, self.grid) <= accuracy);
         Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
@@ -79,18 +80,18 @@ impl Gridding {
 /// `density` directions per grid point are sorted together. The constants were measured.
 pub(crate) fn point_cost(width: usize, channels: usize, density: f64) -> f64 {
     let lanes = width.next_multiple_of(4) as f64 / 8.0;
-    // If the kernel's width is even, kernels of a cell's directions cover the same grid points; otherwise each covers
-    // one of four sets of points.
+    // If the kernel's width is even, kernels of a cell's directions cover the same grid points; otherwise each kernel
+    // covers one of four sets of grid points.
     let density = if width.is_multiple_of(2) { density } else { density / 4.0 };
-    // Number of occupied places per direction. The values of a place's directions are summed in registers and go to
-    // the grid once.
+    // Number of distinct sets of covered grid points per direction. The values of directions whose kernels cover the
+    // same grid points are summed in registers and added to the grid once.
     let places = if density > 0.0 { -(-density).exp_m1() / density } else { 1.0 };
     let product = (0.36 + places).min(0.9);
     width as f64 * lanes * product * channels as f64 + 12.0 * lanes + 4.0
 }
 
-/// Returns the expected relative error of a kernel width on a grid: aliasing in both directions plus magnified rounding
-/// errors.
+/// Returns the expected relative error of a transform with a kernel of this width on a grid: aliasing in both
+/// directions plus magnified rounding errors.
 pub(crate) fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {
         return f64::INFINITY;

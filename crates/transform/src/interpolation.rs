@@ -1,8 +1,8 @@
 //! Interpolation from the grid to the directions, and spreading from the directions to the grid.
 //!
-//! Per channel, a direction costs `w^2` fused products. In addition it costs two Horner schemes of about `w + 4` steps
-//! over w lanes, which all channels share. Interpolation reads `8 w^2` bytes per channel and direction, and spreading
-//! reads and writes as many. Since directions are sorted, these bytes are in the L1 cache.
+//! Per channel, a direction costs `w^2` fused products. In addition, each direction costs two Horner schemes of about
+//! `w + 4` steps over w lanes, which all channels share. Interpolation reads `8 w^2` bytes per channel and direction,
+//! and spreading reads and writes as many. These bytes are in the L1 cache, because the directions are sorted.
 
 use std::ops::Range;
 
@@ -28,8 +28,8 @@ pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points:
     });
 }
 
-/// Spreads the values (places, channels) at the points, row-major, to a grid of zeros: the transpose of
-/// [`interpolate`].
+/// Spreads values at the sorted points to a grid of zeros: the transpose of [`interpolate`]. `values` (points,
+/// channels) is row-major.
 pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: &Points, values: &[f64]) {
     let channels = layout.channels;
     over_strips(layout, grid, points, |places, first_row, rows| {
@@ -44,8 +44,9 @@ pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: 
     });
 }
 
-/// Interpolates from the first grid, multiplies by the weights if there are any, one per place, and spreads to the
-/// second grid, which must be zero. Each point's kernel values are computed once.
+/// Interpolates values from the first grid, and spreads them to the second grid, which must be zero. If `weights` are
+/// given, one per sorted point, the values at each point are multiplied by its weight before they are spread. Each
+/// point's kernel values are computed once.
 pub(crate) fn interpolate_and_spread(
     layout: Layout,
     [from, to]: [&mut [f64]; 2],
@@ -77,9 +78,9 @@ pub(crate) fn interpolate_and_spread(
     });
 }
 
-/// Calls `work` for each strip with its places, its first row and the rows under its kernels. The rows of every second
-/// strip don't overlap, so that different threads can process them, and sums are formed in the same order on any number
-/// of threads.
+/// Calls `work` for each strip with its places, its first row and the rows under its kernels. Every second strip is
+/// processed first, by several threads, because the rows of these strips don't overlap. Then the remaining strips are
+/// processed in the same way. Sums are therefore formed in the same order on any number of threads.
 fn over_strips(
     layout: Layout,
     grid: &mut [f64],

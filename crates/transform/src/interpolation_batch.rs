@@ -145,7 +145,7 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
             }
         }
     }
-    // Only loops are used, since a closure that isn't inlined is compiled for the oldest supported processor.
+    // Only loops are used, because a closure that isn't inlined is compiled for the oldest supported processor.
     let columns = &batch.column_values[point];
     let mut result = [0.0; C];
     for (result, sums) in result.iter_mut().zip(&sums) {
@@ -180,7 +180,8 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    // The last row under a kernel may be cut off at the end of the strip's grid, but still takes part in the sums.
+    // The last of the grid rows under a kernel may end early, with the strip's grid. `chunks_mut` still returns this
+    // shorter row.
     let rows = grid[start..].chunks_mut(layout.row());
     for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
         let mut lines = row.chunks_mut(layout.stride);

@@ -1,8 +1,8 @@
 //! The interpolation kernel: Kaiser-Bessel, evaluated by piecewise polynomials.
 //!
-//! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as `f(x) =
-//! sum_j g_j phi(j - x)`, with x in grid steps. The values `g` are those of a function whose spectrum is the spectrum
-//! of f divided by `p_k`, the transform of the kernel. With support of `w` grid points,
+//! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as
+//! `f(x) = sum_j g_j phi(j - x)`, with x in grid steps. The values `g` are samples of a function whose spectrum is the
+//! spectrum of f divided by `p_k`, the transform of the kernel. With support of `w` grid points,
 //!
 //! ```text
 //! phi(s) = I0(beta sqrt(1 - (2 s / w)^2)) / I0(beta)          |s| <= w / 2
@@ -43,7 +43,7 @@ impl Kernel {
     pub(crate) fn new(width: usize, max_degree: usize, grid: usize, accuracy: f64) -> Self {
         let beta = shape_parameter(width, max_degree, grid);
         let half = width as f64 / 2.0;
-        // The pieces are analytic: their Chebyshev coefficients fall fast.
+        // The pieces are analytic, so their Chebyshev coefficients decrease fast.
         let cosines: Vec<[f64; NODES]> = (0..NODES)
             .map(|n| std::array::from_fn(|i| (std::f64::consts::PI * n as f64 * (i as f64 + 0.5) / NODES as f64).cos()))
             .collect();
@@ -63,7 +63,8 @@ impl Kernel {
             .collect();
         let rest =
             |degree: usize| pieces.iter().map(|c| c[degree + 1..].iter().map(|c| c.abs()).sum()).fold(0.0, f64::max);
-        // Errors of the pieces are magnified like rounding errors.
+        // Division by the kernel's transform magnifies the errors of the polynomials that approximate the kernel by the
+        // same factor as rounding errors.
         let enough = 0.1 * accuracy / magnification(width, max_degree, grid).max(1.0);
         let degree = (2..NODES - 1).find(|&degree| rest(degree) < enough).unwrap_or(NODES - 1);
         let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
@@ -75,13 +76,14 @@ impl Kernel {
         Self { width, padded: width.next_multiple_of(4), beta, coefficients }
     }
 
-    /// Returns the transform `p_k` on a grid of `grid` points.
+    /// Returns the transform `p_k` of the kernel at frequency k, for a grid of `grid` points around the circle.
     pub(crate) fn transform(&self, k: usize, grid: usize) -> f64 {
         transform(self.width, self.beta, k as f64 / grid as f64)
     }
 
-    /// Returns the first grid point under the kernel of a point at position `fraction` in cell `cell`, and the argument
-    /// of the polynomials. The grid point may lie up to `width / 2` before the grid.
+    /// Returns the first of the grid points under a point's kernel, and the argument of the kernel's polynomials. The
+    /// point is at position `fraction` in cell `cell`. The index of the grid point may be negative, by up to half of
+    /// the width.
     #[inline(always)]
     pub(crate) fn place(&self, cell: u32, fraction: f64) -> (isize, f64) {
         let cell = cell as isize - (self.width / 2) as isize;
@@ -108,7 +110,8 @@ macro_rules! horner_for {
     ($name:ident, $lanes:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         fn $name(coefficients: &[[f64; MAX_WIDTH]], arguments: &[f64], values: &mut [[f64; MAX_WIDTH]]) {
-            // Two points are processed together, since the scheme is a chain of dependent steps.
+            // Two points are processed together, because each step of Horner's scheme has to wait for the previous
+            // step.
             for (t, values) in arguments.chunks(2).zip(values.chunks_mut(2)) {
                 let (t0, t1) = (t[0], t[t.len() - 1]);
                 let (mut a, mut b) = ([0.0; $lanes], [0.0; $lanes]);
@@ -139,7 +142,8 @@ fn shape_parameter(width: usize, max_degree: usize, grid: usize) -> f64 {
     std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
 }
 
-/// Returns the transform p at `xi = k / M`, without the factor `e^beta / I0(beta)`, which `bessel_ratio` omits as well.
+/// Returns the kernel's Fourier transform p at `xi = k / M`, without the factor `e^beta / I0(beta)`, which
+/// `bessel_ratio` omits as well.
 fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     let w = width as f64;
     let square = beta * beta - (std::f64::consts::PI * w * xi).powi(2);
@@ -153,7 +157,7 @@ fn transform(width: usize, beta: f64, xi: f64) -> f64 {
     }
 }
 
-/// Returns the relative aliasing error of a kernel at the frequency where it is largest, L.
+/// Returns the relative aliasing error of a kernel at frequency L, where the error is largest.
 pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
     let beta = shape_parameter(width, max_degree, grid);
     let xi = max_degree as f64 / grid as f64;
@@ -164,17 +168,18 @@ pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
     aliases.sqrt() / transform(width, beta, xi)
 }
 
-/// Returns the factor by which dividing by `p_L` magnifies the grid's rounding errors.
+/// Returns the factor by which the grid's rounding errors are magnified when the spectrum is divided by the kernel's
+/// Fourier transform, which is smallest at frequency L.
 pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64 {
     let beta = shape_parameter(width, max_degree, grid);
     transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
 }
 
-/// Returns `I0(beta sqrt(square)) e^-beta`, an entire function of `square`, which rounding may make slightly
+/// Returns `I0(beta sqrt(square)) e^-beta`, an entire function of `square`. Rounding may make `square` slightly
 /// negative.
 fn bessel_ratio(beta: f64, square: f64) -> f64 {
-    // I0(z) = sum (z^2 / 4)^k / k!^2; all terms are positive unless rounding makes z^2 negative, and at most some 60
-    // terms are needed for beta <= 45.
+    // I0(z) = sum (z^2 / 4)^k / k!^2 with z^2 = beta^2 `square`. No term is negative, unless rounding makes z^2
+    // negative. About 60 terms suffice for beta <= 45.
     let quarter = beta * beta * square / 4.0;
     let (mut term, mut sum) = (1.0, 1.0);
     for k in 1..200 {

@@ -8,16 +8,17 @@
 //! ```
 //!
 //! with a, b and the scale of 2^930, by which `u^m` is multiplied, from [`spharm_harmonics::rings`]. The factors `s`
-//! make the second coefficient of the recurrence one, so that a step is a product and a fused product; the coefficients
-//! are multiplied by them once. Rings come in pairs: the southern one has `(-1)^(l-m)` times the values of the northern
-//! one, so the sums over even and over odd `l - m` are kept separately and give both.
+//! make the second coefficient of the recurrence one, so that a step is a product and a fused product. The coefficients
+//! x are multiplied by `s` once. Rings come in pairs. The values on the southern ring are `(-1)^(l-m)` times the values
+//! on the northern ring. Therefore the sums over even and over odd `l - m` are kept separately, and the values on both
+//! rings follow from them.
 //!
-//! The work is cut into blocks of rings and chunks of degrees: the values of r go to a [table](crate::ring_table) that
-//! stays in the L1 cache and serves all channels. A value costs two fused products, plus one for the cosine and one for
-//! the sine of each channel: with three channels 8 fused products in 4 cycles for eight rings, six of them for the
-//! sums. From degree 256 on, one value serves a [pair of degrees](crate::degree_pairs) on most rings, at half that
-//! cost. Next to the equator degrees are processed one by one, next to the poles in
-//! [double-double](crate::polar_rings).
+//! The work is cut into blocks of rings and chunks of degrees. The values of r for a block and a chunk are stored in a
+//! [table](crate::ring_table) that stays in the L1 cache and serves all channels. A value costs two fused products,
+//! plus one for the cosine and one for the sine of each channel. With three channels, eight rings take 8 vector
+//! instructions for fused products in 4 cycles, six of them for the sums. From degree 256 on, one value serves a [pair
+//! of degrees](crate::degree_pairs) on most rings, at half that cost. Next to the equator, degrees are processed one at
+//! a time. Next to the poles, values are computed in [double-double](crate::polar_rings).
 //!
 //! Rings so close to a pole that `u` makes all `P_{l,m}` of an order negligible are skipped (`first_ring`).
 
@@ -38,7 +39,8 @@ use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 /// Number of coefficients that one task brings into canonical order.
 const RUN: usize = 1024;
 
-/// The columns from `first` on of coefficients `values` (K, all) in canonical order, row-major.
+/// A matrix of coefficients in canonical order, `values` (K, all), row-major, of which the columns from `first` on are
+/// used.
 #[derive(Clone, Copy)]
 pub(crate) struct SomeColumns<'a> {
     pub(crate) values: &'a [f64],
@@ -50,12 +52,13 @@ pub(crate) struct SomeColumns<'a> {
 #[derive(Debug)]
 pub(crate) struct Legendre {
     max_degree: usize,
-    /// Coefficients `alpha_{l,m}` at index `start(m) + l - m`; `scale` contains `s_{l,m}` in the same layout.
+    /// Factors `alpha_{l,m}` of the [`MonicRecurrence`], at index `start(m) + l - m`; `scale` contains `s_{l,m}` in the
+    /// same layout.
     alpha: Vec<f64>,
     scale: Vec<f64>,
     /// `cos theta` of the northern rings from the pole to the equator, padded.
     z: Vec<f64>,
-    /// Values `2^930 u^m` (rings, L + 1), column-major.
+    /// Values `2^930 sin^m theta` of each ring and order m (rings, L + 1), column-major.
     power: Vec<f64>,
     /// Index of the first ring on which each order isn't negligible, rounded down to a multiple of [`LANES`].
     first_ring: Vec<usize>,
@@ -63,7 +66,7 @@ pub(crate) struct Legendre {
     polar: PolarRings,
     /// Index of the first ring next to the equator: a multiple of [`LANES`], at or after the end of the polar rings.
     equatorial: usize,
-    /// Tables for pairs of degrees, if there are rings between the polar and the equatorial ones.
+    /// Tables for pairs of degrees, if rings exist between the polar rings and the equatorial rings.
     pairs: Option<DegreePairs>,
     /// `cos^2 theta` of the rings.
     squares: Vec<f64>,
@@ -91,7 +94,8 @@ impl Legendre {
             }
         });
         drop(columns);
-        // If an order isn't negligible on a ring, no lower order is negligible there either.
+        // If an order is negligible on a ring, higher orders are negligible there, too. Therefore `first` never
+        // decreases.
         let mut first = 0;
         let first_ring: Vec<usize> = (0..=max_degree)
             .map(|m| {
@@ -103,8 +107,8 @@ impl Legendre {
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
         let equatorial = degree_pairs::end(max_degree, &z) / LANES * LANES;
-        // Each square is rounded once, since next to a pole its error would accumulate in the steps of the
-        // recurrence.
+        // Next to a pole, the square of the cosine is computed from the sine, so that it is rounded only once. Its
+        // error accumulates in the steps of the recurrence.
         let square = |[cosine, sine]: &[f64; 2]| if sine < cosine { 1.0 - sine * sine } else { cosine * cosine };
         let mut squares: Vec<f64> = angles.iter().map(square).collect();
         z.resize(rings, 0.0);
@@ -145,20 +149,21 @@ impl Legendre {
         self.first_ring.partition_point(|first| *first <= ring)
     }
 
-    /// Returns the index of (m, m) in a list of degrees sorted by order.
+    /// Returns the index of degree m and order m in a list of pairs (degree, order) that is sorted by order, then by
+    /// degree.
     fn start(&self, m: usize) -> usize {
         m * (2 * self.max_degree + 3 - m) / 2
     }
 
-    /// Returns `alpha` and `s` of order m, from degree m on.
+    /// Returns the factors `alpha` and `s` of the recurrence of order m, from degree m on.
     fn order(&self, m: usize) -> (&[f64], &[f64]) {
         let start = self.start(m);
         let count = self.max_degree + 1 - m;
         (&self.alpha[start..start + count], &self.scale[start..start + count])
     }
 
-    /// Returns the factors `s` of order m, from degree m on. The caller multiplies the coefficients passed to
-    /// [`synthesis`](Self::synthesis), and those returned by [`adjoint`](Self::adjoint), by them.
+    /// Returns the factors `s` of order m, from degree m on. The caller multiplies the coefficients by these factors:
+    /// before calling [`synthesis`](Self::synthesis), and after calling [`adjoint`](Self::adjoint).
     pub(crate) fn scale(&self, m: usize) -> &[f64] {
         self.order(m).1
     }
@@ -305,8 +310,8 @@ impl Legendre {
         work.mixed = mixed;
     }
 
-    /// Multiplies the columns by `u^m`. Multiplies columns of odd `l - m` also by the factor z, if pairs of degrees
-    /// have omitted it.
+    /// Multiplies the columns by `u^m`, with `u = sin theta` of each ring. On rings that are computed by pairs of
+    /// degrees, the sums over odd `l - m` lack a factor z, so the columns of these sums are also multiplied by z.
     fn weigh(&self, m: usize, columns: usize, even: &mut [f64], odd: &mut [f64]) {
         let rings = self.rings();
         let power = &self.power[m * rings..(m + 1) * rings];
@@ -334,7 +339,7 @@ impl Legendre {
         }
     }
 
-    /// Fills the table with the values of a chunk of degrees on a block of rings outside the middle zone.
+    /// Fills the table with the values of a chunk of degrees on a block of rings in the polar or the equatorial zone.
     fn fill(&self, m: usize, chunk: usize, rings: Range<usize>, zone: Zone, alpha: &[f64], work: &mut Work) {
         let Work { polar, table, .. } = work;
         if zone == Zone::Polar {
@@ -361,8 +366,8 @@ enum Zone {
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
-    /// Mixed coefficients (pairs of degrees, 2 columns) of an order: for each channel those of even, then those of odd
-    /// degrees.
+    /// Coefficients of an order after [mixing](crate::degree_pairs), an array (pairs of degrees, 2 columns): for each
+    /// channel, first the coefficients of even degrees, then those of odd degrees.
     mixed: Vec<f64>,
 }
 

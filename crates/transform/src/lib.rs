@@ -9,12 +9,12 @@
 //! ```
 //!
 //! The cost per channel is `L^3 / 4 + O(M^2 log M) + O(w^2 n)` products instead of `K n`, for an oversampled grid of M
-//! points around and an interpolation kernel w points wide. The method is that of M. Reinecke, S. Belkner and J.
-//! Carron, "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A 678
-//! (2023). Adjoint synthesis is the transpose of synthesis step by step.
+//! points around the sphere and an interpolation kernel w points wide. The method is that of M. Reinecke, S. Belkner
+//! and J. Carron, "Improved cosmic microwave background (de-)lensing using general spherical harmonic transforms", A&A
+//! 678 (2023). Adjoint synthesis is the transpose of synthesis step by step.
 //!
 //! A [`MomentOperator`] applies the normal operator `A^T diag(w) A` using moments of the weights, and a [`MomentGram`]
-//! computes the matrix itself. The cost of either doesn't depend on n.
+//! computes the matrix itself. Neither cost depends on n.
 //!
 //! # Modules
 //!

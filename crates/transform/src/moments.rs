@@ -1,22 +1,22 @@
 //! Applies the normal operator `A^T diag(w) A` of n scattered weighted directions, using their moments, at a cost that
 //! doesn't depend on n.
 //!
-//! A product of two harmonics of degrees up to L has degree 2L, so that with the *moments* `s_{lm} = sum_i w_i
-//! S_{lm}(x_i)` to degree 2L and `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for each such product h.
-//! The integrand has degree 4L, which 2L + 1 Gauss-Legendre rings integrate exactly with at least 4L + 1 azimuths each.
-//! So, with `A_g` the basis on that grid and `q_g` its quadrature weights, for every x
+//! The *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to degree 2L define a function `S = sum s_{lm} S_{lm}`. A product h
+//! of two harmonics of degrees up to L has degree 2L, so `sum_i w_i h(x_i) = integral of S h`. The integrand has degree
+//! 4L. It is integrated exactly by 2L + 1 Gauss-Legendre rings with at least 4L + 1 azimuths each. Let `A_g` be the
+//! basis on this grid, and `q_g` the quadrature weights. Then, for every x,
 //!
 //! ```text
 //! A^T diag(w) A x = A_g^T D A_g x,   D = diag(q_g S(g))
 //! ```
 //!
 //! Next to the poles, where high orders vanish, rings have fewer azimuths. [`MomentGram`](crate::MomentGram) computes
-//! the matrix itself from the same moments. The moments of a sampling are the sums of its parts' moments.
+//! the matrix itself from the same moments. The moments of a sampling are the sums of the moments of its parts.
 //!
 //! # Cost
 //!
-//! Per channel: `L^3` fused products for Legendre sums, in pairs of rings, and Fourier transforms of some `11 L^2`
-//! points. For memory see [`MomentOperator::bytes`].
+//! Each channel costs `L^3` fused products for Legendre sums, in pairs of rings, and Fourier transforms of about
+//! `11 L^2` points. For the memory, see [`MomentOperator::bytes`].
 //!
 //! # Range
 //!
@@ -24,8 +24,9 @@
 //! few eps times `sum |w|`: if the normal matrix of a sampling has a large condition number, eigenvectors of small
 //! eigenvalues lose digits, as they would with the matrix itself.
 //!
-//! On the circle this is the Toeplitz matrix of H. G. Feichtinger, K. Gröchenig and T. Strohmer, "Efficient numerical
-//! methods in non-uniform sampling theory", Numer. Math. 69 (1995), multiplied by Fourier transforms.
+//! On the circle, the corresponding operator is the Toeplitz matrix of H. G. Feichtinger, K. Gröchenig and T. Strohmer,
+//! "Efficient numerical methods in non-uniform sampling theory", Numer. Math. 69 (1995). That matrix is applied by
+//! means of Fourier transforms.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -63,7 +64,7 @@ pub use sums::SampleSums;
 /// Several threads can use an operator at once.
 #[derive(Debug)]
 pub struct MomentOperator {
-    /// The operator `A_g^T D A_g`, with the elements `q_g S(g)` on the diagonal of D.
+    /// The operator `A_g^T D A_g` on the quadrature grid, see the [module](self).
     on_grid: OnGrid,
     norm: f64,
 }
@@ -94,8 +95,9 @@ impl MomentOperator {
     }
 
     /// Returns the peak memory of an operator in bytes, either during construction or during calls with `channels`
-    /// channels on `threads` threads. It is about `240 (L + 1)^2` during construction. Afterwards it is `90 (L + 1)^2`,
-    /// and in calls `72 (L + 1)^2` more for each channel in work, of which there are up to 3 on each thread.
+    /// channels on `threads` threads. The peak memory is about `240 (L + 1)^2` during construction. Afterwards it is
+    /// `90 (L + 1)^2`, and calls need another `72 (L + 1)^2` for each channel that is being processed, up to 3 on each
+    /// thread.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let Sizes { held, made, called } = Self::sizes(max_degree, channels, threads);
         held + if made > called { made } else { called }
@@ -116,8 +118,8 @@ impl MomentOperator {
         basis_size(self.max_degree())
     }
 
-    /// Returns a bound on the largest absolute eigenvalue: the largest `|S(g)|`, since `A_g^T diag(q_g) A_g` is the
-    /// identity.
+    /// Returns a bound on the largest absolute eigenvalue of the operator: the largest `|S(g)|` at a point g of the
+    /// grid. It is a bound because the quadrature is exact, so `A_g^T diag(q_g) A_g` is the identity.
     pub fn norm(&self) -> f64 {
         self.norm
     }
@@ -132,7 +134,7 @@ impl MomentOperator {
     }
 }
 
-/// Checks the number and the values of the moments to twice a degree.
+/// Checks the number and the values of moments up to twice the degree `max_degree`.
 pub(crate) fn check(max_degree: usize, moments: &[f64]) -> Result<(), TransformError> {
     let degree = 2 * max_degree;
     let expected = basis_size(degree);

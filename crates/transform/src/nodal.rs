@@ -10,17 +10,17 @@
 //!
 //! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the sum
 //! of the kernels of the samples around a node, which covers a few grid points more than a single kernel. With three
-//! samples per triangle a node has 18 kernels and one patch, so spreading values at nodes takes a quarter of the
-//! products that spreading samples takes, and the samples' values are never computed. Patches don't depend on the
-//! values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Otherwise they are computed when
-//! they are added, and then discarded. The bits are the same either way, and depend neither on other channels nor on
-//! the number of threads.
+//! samples per triangle, a node has 18 kernels but only one patch. Therefore spreading values at nodes takes a quarter
+//! of the products needed for spreading samples. The samples' values are never computed. Patches don't depend on the
+//! values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Without this call, patches are
+//! computed when they are added to the grid, and then discarded. The results are bit-identical in both cases, and
+//! depend neither on other channels nor on the number of threads.
 //!
 //! # Cost
 //!
-//! Per channel: a fused product for each value of a patch, some 400 for a node whose triangles are smaller than the
-//! kernel. Computing patches takes `3 w^2` products per sample. Memory: 48 bytes per sample and 120 per triangle, 8
-//! bytes for each value of a patch that is kept, and a grid.
+//! Each channel costs a fused product for each value of a patch. A patch has about 400 values if the node's triangles
+//! are smaller than the kernel. Computing patches takes `3 w^2` products per sample. Memory: 48 bytes per sample and
+//! 120 per triangle, 8 bytes for each value of a patch that is kept, and a grid.
 
 mod incidence;
 mod kernels;
@@ -64,11 +64,12 @@ pub struct NodalSumsBuilder {
 #[derive(Debug)]
 pub struct NodalSums {
     nodes: usize,
-    /// The sums without any values, that is with zero channels.
+    /// The sums of the weights alone, that is, with zero channels.
     plain: SampleSums,
     transform: Transform,
     incidence: Incidence,
-    /// The patches of each strip of the grid, if they are kept.
+    /// The patches (see the [module](self)) of each strip of the grid; `None` if every call of
+    /// [`sums`](NodalSums::sums) computes them anew.
     kept: Option<Vec<Patches>>,
 }
 
@@ -124,11 +125,11 @@ impl NodalSumsBuilder {
 
 impl NodalSums {
     /// Returns the peak memory in bytes for `samples` samples on `triangles` triangles, including their preparation and
-    /// the computation of sums for c = `channels` channels, but without kept patches.
+    /// the computation of sums for c = `channels` channels. Patches stored by [`keep`](Self::keep) aren't included.
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
-        // Each sample has its place and shares; each triangle its data and entries in the lists of its nodes; each
-        // node the starts of its list and of its patches.
+        // Bytes for the place and the shares of each sample, for the data of each triangle and its entries in the lists
+        // of its nodes, and for the starts of each node's list and patches.
         let own = 48 * samples + (size_of::<Element>() + 24) * triangles + 128 * nodes;
         let scratch = (1 << 20) * rayon::current_num_threads();
         let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
@@ -171,8 +172,8 @@ impl NodalSums {
         Ok(SampleSums { right_sides, squares: self.squares(values, channels), ..self.plain.clone() })
     }
 
-    /// Writes to a grid the sum of all patches, each multiplied by its node's values. The grid's channels are those of
-    /// the values from channel `first` on.
+    /// Writes to a grid the sum of all nodes' patches, each multiplied by its node's values. `first` is the channel of
+    /// `values` that becomes the grid's first channel.
     fn spread(&self, layout: Layout, first: usize, values: &[f64], channels: usize, grid: &mut [f64]) {
         let strips = grid.par_chunks_mut(ROWS * layout.row()).enumerate().with_max_len(1);
         strips.for_each_init(Patches::default, |scratch, (strip, grid)| {
@@ -211,7 +212,7 @@ impl NodalSums {
         for part in parts {
             squares.iter_mut().zip(part).for_each(|(square, part)| *square += part);
         }
-        // A sum of squares is negative only by rounding.
+        // Only rounding errors can make a sum of squares negative.
         squares.iter_mut().for_each(|square| *square = square.max(0.0));
         squares
     }
@@ -223,7 +224,8 @@ mod tests {
 
     use super::*;
 
-    /// Unordered nodes, and samples near them and far away, at both poles and on the seam, some of weight 0.
+    /// Test data: nodes in any order, with samples near the nodes and far away, at both poles and on the seam. Some
+    /// samples have weight 0.
     struct Problem {
         directions: Vec<[f64; 3]>,
         weights: Vec<f64>,

@@ -26,21 +26,22 @@ const PLACED: usize = 256;
 /// tile.
 #[derive(Debug)]
 pub(crate) struct Points {
-    /// The place of each direction, computed on first use. Threads write to neighbouring elements, hence atomics; a
-    /// relaxed store costs no more than a plain one.
+    /// The place of each direction, its index in sorted order, computed on first use. The elements are atomic, because
+    /// threads write to neighbouring elements. A relaxed store costs no more than a plain store.
     ranks: OnceLock<Vec<AtomicU32>>,
     /// Index of the direction at each place.
     order: Vec<u32>,
     /// Row and column of the grid cell at each place.
     pub(crate) cells: Vec<[u32; 2]>,
-    /// Position in the cell along rows and columns at each place, in [0, 1).
+    /// Position within the grid cell at each place, as fractions of a row and of a column, each in [0, 1).
     pub(crate) fractions: Vec<[f64; 2]>,
     /// First place of each strip, followed by the number of places.
     pub(crate) strips: Vec<usize>,
 }
 
 impl Points {
-    /// Sorts directions for a grid of `grid` points around, into strips of `strip_rows` rows.
+    /// Sorts directions by their cells in a grid with `grid` points around the sphere, and divides them into strips of
+    /// `strip_rows` rows of the grid.
     pub(crate) fn new(directions: &[[f64; 3]], grid: usize, strip_rows: usize) -> Result<Self, TransformError> {
         let max = u32::MAX as usize;
         if directions.len() > max {
@@ -84,24 +85,24 @@ impl Points {
         directions * (2 * 4 + 8 + 16)
     }
 
-    /// Returns the index of the direction at a place.
+    /// Returns the index of the direction at a place in the sorted order.
     pub(crate) fn direction(&self, place: usize) -> usize {
         self.order[place] as usize
     }
 
-    /// Returns the index of the direction at each place.
+    /// Returns the index of the direction at each place in the sorted order.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Returns the place of each direction. The list is computed on first use, since samples that are only spread don't
-    /// need it.
+    /// Returns the place of each direction in the sorted order. The list of places is computed by the first synthesis,
+    /// because an adjoint synthesis doesn't need it.
     pub(crate) fn ranks(&self) -> &[AtomicU32] {
         if let Some(ranks) = self.ranks.get() {
             return ranks;
         }
-        // The list isn't computed inside `get_or_init`, since a thread that waits inside it for other threads may pick
-        // up work that calls it again, and would then wait for itself.
+        // The list isn't computed inside `get_or_init`. A thread that waits in `get_or_init` for other threads may pick
+        // up work that calls `get_or_init` again, and would then wait for itself.
         let ranks: Vec<AtomicU32> = (0..self.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         self.order.par_iter().enumerate().for_each(|(place, direction)| {
             ranks[*direction as usize].store(place as u32, Ordering::Relaxed);
@@ -193,7 +194,7 @@ impl CellSorter {
     ) {
         let tiles = grid.div_ceil(TILE_COLUMNS);
         let per_tile = rows.len().next_multiple_of(2) * TILE_COLUMNS;
-        // With fewer points, few cells contain more than one point, and counters cost more than they save.
+        // With fewer points, few cells contain more than one point, so sorting by cell costs more time than it saves.
         let by_cells = count > tiles * per_tile;
         let bucket = |[row, column]: [u32; 2]| {
             let (row, column) = (row as usize - rows.start, column as usize);

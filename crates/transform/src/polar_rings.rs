@@ -1,9 +1,10 @@
 //! The Legendre recurrence in double-double, for the rings next to the poles.
 //!
-//! Rounding errors of the plain recurrence, and those of `z` and `alpha`, grow like `min(l, 1 / sin theta)` from the
-//! degree at which they arise. At degree 2,000 they reach some 1e-11 next to the poles. There are few rings there,
-//! and only low orders aren't negligible on them, so that ten times the work for them isn't noticeable. As for single
-//! directions, [`is_polar`](spharm_harmonics::polar::is_polar) decides which rings are polar.
+//! Rounding errors of the plain recurrence, and those of its inputs `z = cos theta` and `alpha`, grow like `min(l, 1 /
+//! sin theta)` from the degree at which they arise. At degree 2,000 these errors reach about 1e-11 next to the poles.
+//! Only a few rings are next to the poles, and all but the low orders are negligible on them. Therefore the tenfold
+//! cost of double-double on these rings isn't noticeable. As for single directions,
+//! [`is_polar`](spharm_harmonics::polar::is_polar) decides which rings are polar.
 
 use std::ops::{Mul, Range, Sub};
 
@@ -23,11 +24,12 @@ type Pairs = [Vec<f64>; 2];
 #[derive(Debug)]
 pub(crate) struct PolarRings {
     z: Pairs,
-    /// `alpha_l` from degree m on, for each order m that isn't negligible on the polar rings.
+    /// Coefficients `alpha_l` of the [recurrence](crate::legendre) from degree m on, for each order m that isn't
+    /// negligible on the polar rings.
     alpha: Vec<Vec<[f64; 2]>>,
 }
 
-/// Values `r_{l-2}` and `r_{l-1}` on a block of rings.
+/// Values `r_{l-2}` and `r_{l-1}` of the [recurrence](crate::legendre) on a block of rings.
 #[derive(Debug, Default)]
 pub(crate) struct PolarState {
     older: Pairs,
@@ -53,8 +55,9 @@ impl PolarRings {
         self.z[0].len()
     }
 
-    /// Writes the values of r for a chunk of degrees and a block of polar rings to `table` (tiling.block, degrees),
-    /// column-major. Chunks must be computed in order; chunk 0 starts the recurrence.
+    /// Writes the values `r_l` of the [recurrence](crate::legendre) for a chunk of degrees and a block of polar rings
+    /// to `table` (`tiling.block`, degrees), column-major. Chunks must be computed in order; chunk 0 starts the
+    /// recurrence.
     pub(crate) fn fill(
         &self,
         m: usize,

@@ -1,9 +1,9 @@
-//! Memory that calls, or the tasks of a call, reuse one after another.
+//! Pools of working memory. Memory that one call or task has returned is reused by the next.
 
 use std::sync::{Mutex, PoisonError};
 
-/// A pool of values for reuse, as many as were in use at the same time. Reuse is faster, since the first access to a
-/// page of memory costs more than writing to the page.
+/// A pool of values for reuse. The pool contains as many values as were in use at the same time. Reuse is faster than
+/// allocation, because the first access to a page of memory costs more than writing to the page.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
@@ -14,8 +14,8 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T> Pool<T> {
-    /// Calls `work` with a value that isn't in use, which keeps the contents left by its last user, or with a new one
-    /// from `make`.
+    /// Calls `work` with a value of the pool that isn't in use, or with a new value from `make` if all are in use. A
+    /// value of the pool has the contents left by its last user.
     pub(crate) fn with<R>(&self, make: impl FnOnce() -> T, work: impl FnOnce(&mut T) -> R) -> R {
         let free = self.0.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut value = free.unwrap_or_else(make);

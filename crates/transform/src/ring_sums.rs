@@ -3,16 +3,16 @@
 //!
 //! A column contains the cosine or the sine coefficients of a channel. Rings are processed 8 or 16 at a time, with the
 //! sums of all columns in registers. The table's values belong to single degrees, alternately even and odd, or to
-//! [pairs of degrees](crate::degree_pairs); the latter are multiplied by the coefficients of both degrees.
+//! [pairs of degrees](crate::degree_pairs). The value of a pair is multiplied by the coefficients of both degrees.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
-/// Whether 16 rings are summed, and two rows are projected, at once. On ARM64, the 32 registers of two numbers each
-/// hold the sums of only half as many rings or rows; with more, a sixth of the instructions would move sums to memory
-/// and back.
+/// Whether to process 16 rings at once in sums, and two rows at once in the transposed sums. On ARM64, each of the 32
+/// registers has only two numbers, so the registers hold the sums of only half as many rings or rows. With more rings
+/// or rows, a sixth of the instructions would move sums to memory and back.
 const WIDE: bool = cfg!(not(target_arch = "aarch64"));
 
 /// Coefficients of the degrees, or pairs of degrees, of a chunk. The coefficients of a degree or pair are contiguous,
@@ -32,10 +32,10 @@ struct Rows<'a> {
     end: usize,
 }
 
-/// Defines a function for a number of columns, which processes 8 or 16 rings at a time.
+/// Defines a function that computes the sums of a fixed number of columns, on 8 or 16 rings at a time.
 macro_rules! sums_for {
     ($degrees:ident, $columns:literal) => {
-        /// Adds sums over even degrees to `even` and over odd ones to `odd`.
+        /// Adds sums over even `l - m` to `even`, and sums over odd `l - m` to `odd`.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(crate) fn $degrees(
             table: &[f64],
@@ -61,8 +61,8 @@ sums_for!(sums_2, 2);
 sums_for!(sums_4, 4);
 sums_for!(sums_6, 6);
 
-/// Adds sums over pairs of degrees for one channel: two columns of even degrees to `even`, and two of odd degrees to
-/// `odd`.
+/// Adds sums over pairs of degrees for one channel: the cosine and the sine sum of even `l - m` to `even`, and the
+/// cosine and the sine sum of odd `l - m` to `odd`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn pair_sums(
     table: &[f64],
@@ -134,8 +134,8 @@ fn sums<const W: usize, const C: usize, const FMA: bool, const N: usize>(
 
 macro_rules! projections_for {
     ($degrees:ident, $columns:literal) => {
-        /// Adds to `x` the sums over rings of the table's values times `even`, for even degrees, and times `odd`, for
-        /// odd degrees.
+        /// For each row of the table, which belongs to one degree, adds to `x` the sum over rings of the row's values
+        /// times `even` (rows 0, 2, 4, ...) or times `odd` (rows 1, 3, 5, ...).
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         #[allow(clippy::too_many_arguments, reason = "a kernel")]
         pub(crate) fn $degrees(
@@ -164,8 +164,8 @@ projections_for!(projections_2, 2);
 projections_for!(projections_4, 4);
 projections_for!(projections_6, 6);
 
-/// Adds to `x`, for pairs of degrees and one channel, the sums over rings of the table's values times the two columns
-/// `even` and the two columns `odd`.
+/// Multiplies each row of a table of pairs of degrees by the two columns `even` and the two columns `odd` of a channel,
+/// and adds the sums over the rings to `x`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "a kernel")]
 pub(crate) fn pair_projections(
@@ -198,7 +198,7 @@ fn projections_to<const C: usize, const FMA: bool>(
     let mut k = rows.first;
     while k < rows.end {
         let twin = k + rows.step;
-        // Two rows are processed together, so that they share the loads of h.
+        // Two rows are processed together, so that each value of h is loaded once for both rows.
         if WIDE && twin < rows.end {
             let [first, second] = projections::<C, FMA, 2>(rows.table, [k, twin], rings, h);
             add(&mut x[k * stride..], first);
@@ -242,8 +242,9 @@ fn add<const C: usize>(x: &mut [f64], sums: [f64; C]) {
     x[..C].iter_mut().zip(sums).for_each(|(x, sum)| *x += sum);
 }
 
-/// Returns the sums over lanes, adding halves first. This isn't inlined, so that the optimiser keeps the loop's sums in
-/// vectors; otherwise it takes them apart for the code after the loop (measured: a quarter of the speed).
+/// Returns the sums over lanes, adding halves first. The function isn't inlined, so that the optimiser keeps the loop's
+/// sums in vectors. If it is inlined, the optimiser splits these vectors for the code after the loop, which reduced the
+/// measured speed to a quarter.
 #[inline(never)]
 fn across<const C: usize, const R: usize>(lanes: &[[[f64; LANES]; C]; R]) -> [[f64; C]; R] {
     let mut sums = [[0.0; C]; R];

@@ -20,22 +20,24 @@ pub(crate) struct Tiling {
     pub(crate) chunk: usize,
 }
 
-/// Tiling for sums over degrees, which stay in registers for a chunk.
+/// Tiling for sums over degrees. The sums stay in registers while a chunk is processed.
 pub(crate) const SYNTHESIS: Tiling = Tiling { block: 128, chunk: 16 };
-/// Tiling for sums over rings. For every block, each sum ends with an addition across lanes, which costs as much as
-/// five products.
+/// Tiling for sums over rings. Blocks are larger than for synthesis, because in every block each sum ends with an
+/// addition across lanes, which costs as much as five products.
 pub(crate) const ADJOINT: Tiling = Tiling { block: 256, chunk: 8 };
-/// Number of lanes; the number of rings is padded to a multiple of it.
+/// Number of lanes. The number of rings is padded to a multiple of this number.
 pub(crate) const LANES: usize = 8;
 
-/// Values of r, and the state of the recurrence from chunk to chunk.
+/// Legendre values `r_l` (see the [module](self)) of a chunk of degrees, and the state from which the recurrence
+/// continues in the next chunk.
 #[derive(Debug)]
 pub(crate) struct RingTable {
     pub(crate) tiling: Tiling,
     /// `r_{l-2}` and `r_{l-1}` of the block's rings.
     older: Vec<f64>,
     newest: Vec<f64>,
-    /// Values of r (rings of the block, degrees of the chunk), column-major, with columns `tiling.block` values apart.
+    /// Legendre values (rings of the block, degrees of the chunk), column-major, with columns `tiling.block` values
+    /// apart.
     pub(crate) values: Vec<f64>,
 }
 
@@ -49,14 +51,15 @@ impl RingTable {
         }
     }
 
-    /// Starts a block of `rings` rings: the first step computes `r_m = 2^-930`, whatever alpha is.
+    /// Starts the recurrence on a block of `rings` rings. Its first step then gives the initial value `r_m = 2^-930`
+    /// for any alpha.
     pub(crate) fn start(&mut self, tiling: Tiling, rings: usize) {
         self.tiling = tiling;
         self.newest[..rings].fill(0.0);
         self.older[..rings].fill(-SEED);
     }
 
-    /// Computes the next `alpha.len()` degrees on rings whose colatitudes have the cosines `z`.
+    /// Computes the values of the next `alpha.len()` degrees on rings whose colatitudes have the cosines `z`.
     pub(crate) fn advance(&mut self, z: &[f64], alpha: &[f64]) {
         fill(z, alpha, self);
     }
@@ -103,7 +106,8 @@ fn degree<const FMA: bool>(z: f64, alpha: &f64) -> f64 {
     alpha * z
 }
 
-/// Returns the factor by which the step to the next pair of degrees multiplies the newest value.
+/// Returns the factor `a z^2 + b` by which the recurrence multiplies its newest value in the step to the next pair of
+/// degrees.
 #[inline(always)]
 fn pair<const FMA: bool>(square: f64, [a, b]: &[f64; 2]) -> f64 {
     fused::<FMA>(*a, square, *b)

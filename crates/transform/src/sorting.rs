@@ -1,4 +1,5 @@
-//! Reorders samples from the order of the directions to the order of the places, and back.
+//! Reorders samples from the caller's order of the directions to the order of the places, in which directions are
+//! sorted by grid cells, and back.
 //!
 //! Directions come in any order, so each value is read from a different location. Speed depends on the number of these
 //! reads in flight at once, and on reading the cache lines of a row only once for all groups of channels.
@@ -18,8 +19,8 @@ pub(crate) struct Columns {
     pub(crate) count: usize,
 }
 
-/// Fills the rows (places, channels of a group) of each group for a run of places. `fill` writes the values of a
-/// direction, starting from a given channel.
+/// Fills an array (rows, channels of the group) for each group of channels. `order` lists the direction of each row.
+/// `fill` writes the values of a direction, starting from a given channel.
 pub(crate) fn sort(
     order: &[u32],
     columns: Columns,

@@ -28,8 +28,8 @@ use crate::{TransformError, TransformParams};
 
 /// Number of samples that one task sorts.
 const RUN: usize = 1 << 12;
-/// Largest number of bytes of samples, of several groups of channels, that are sorted together. If rows have many
-/// channels, sorting a single group reads as many cache lines as sorting all groups at once.
+/// Several groups of channels are sorted together if their samples take at most this number of bytes. This saves time
+/// if rows have many channels, because sorting a single group would read as many cache lines as sorting all groups.
 const SORTED: usize = 16 << 20;
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
@@ -46,7 +46,7 @@ pub struct Transform {
     legendre: Legendre,
     fourier: Fourier,
     points: Arc<Points>,
-    /// Factor `1 / (2 p_m)` for each order m.
+    /// Factor `1 / (2 p_m)` for each order m, with the kernel's Fourier transform p_m at frequency m.
     order_factor: Vec<f64>,
     /// Working memory of earlier calls, reused by later calls of this plan and of plans that share its sorted
     /// directions.
@@ -61,8 +61,9 @@ impl Transform {
     ///
     /// - [`TransformError::Accuracy`] if the accuracy is out of range.
     /// - [`TransformError::TooManyDirections`] if there are more than 2^32 - 1 directions.
-    /// - [`TransformError::Harmonics`] if the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
-    ///   (Twice, because the [moments of a Gram matrix](crate::gram) go to twice its degree.)
+    /// - [`TransformError::Harmonics`] if the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). The
+    ///   limit is twice `MAX_DEGREE`, because the [moments of a Gram matrix](crate::gram) go to twice the matrix's
+    ///   degree.
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions.len(), params.accuracy)?;
         Self::on(gridding, directions.as_slice(), params)
@@ -80,9 +81,9 @@ impl Transform {
         Ok(Self::over(points, gridding, &recurrence, params))
     }
 
-    /// Plans transforms to a degree that is at most this plan's, for the same directions. Both plans share the sorted
-    /// directions and the grid, so the new one is at least as accurate as this one. If there are many directions, this
-    /// costs almost nothing.
+    /// Plans transforms for the same directions to a degree that is at most this plan's degree. Both plans share the
+    /// sorted directions and the grid, so the new plan is at least as accurate as this plan. If there are many
+    /// directions, the cost is negligible compared with that of a plan made by [`new`](Self::new).
     ///
     /// # Errors
     ///
@@ -174,8 +175,8 @@ impl Transform {
         Ok(samples)
     }
 
-    /// Computes the adjoint synthesis `A^T r` (K, c) of `samples` (n, c). At any accuracy, it is the transpose of
-    /// [`synthesis`](Self::synthesis) up to rounding errors, but not the inverse.
+    /// Computes the adjoint synthesis `A^T r` (K, c) of `samples` (n, c). At any accuracy, the adjoint synthesis is the
+    /// transpose of [`synthesis`](Self::synthesis) up to rounding errors, but not the inverse.
     ///
     /// # Errors
     ///
@@ -191,9 +192,9 @@ impl Transform {
     }
 
     /// Computes the sums `A^T diag(w) [1 f]` (K, 1 + c) over samples f (n, c) with weights w (n). The first column
-    /// contains the sums of the weights alone. Without weights, w = 1.
+    /// contains the sums of the weights alone. If no weights are given, w = 1.
     ///
-    /// This is faster than two adjoint syntheses, since each direction's kernel is evaluated once.
+    /// This is faster than two adjoint syntheses, because each direction's kernel is evaluated once.
     ///
     /// # Errors
     ///
@@ -225,7 +226,8 @@ impl Transform {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
         self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
             let (count, length) = self.group(&block);
-            // Every task sorts the same run of samples in each group.
+            // Each task sorts one run of samples, for all groups of channels. Collect the memory of each run from all
+            // groups.
             let mut runs: Vec<Vec<&mut [f64]>> = self.points.order().chunks(RUN).map(|_| Vec::new()).collect();
             for sorted in space.samples.chunks_exact_mut(length.max(1)) {
                 runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));
@@ -246,7 +248,7 @@ impl Transform {
     }
 
     /// Computes the adjoint synthesis of samples that `spread` adds to a grid. For a range of columns, `spread` writes
-    /// the whole grid, in the given layout and including its margins, whatever the grid held before.
+    /// the whole grid, in the given layout and including its margins, regardless of the grid's previous contents.
     pub(crate) fn adjoint_of_grid(
         &self,
         channels: usize,
@@ -261,10 +263,10 @@ impl Transform {
         coefficients
     }
 
-    /// Applies the normal operator to `coefficients` (K, c), and returns `A^T diag(w) A x` (K, c). Without weights, w =
-    /// 1.
+    /// Applies the normal operator to `coefficients` (K, c), and returns `A^T diag(w) A x` (K, c). If no weights are
+    /// given, w = 1.
     ///
-    /// This is faster than synthesis followed by adjoint synthesis, since each direction's kernel is evaluated once.
+    /// This is faster than synthesis followed by adjoint synthesis, because each direction's kernel is evaluated once.
     /// Weights come from [`sorted_weights`](Self::sorted_weights) of the same plan.
     ///
     /// # Errors
@@ -312,13 +314,14 @@ impl Transform {
         Layout::new(self.gridding.grid, self.gridding.reach, channels)
     }
 
-    /// Returns the number of groups of channels whose samples are sorted together.
+    /// Returns the number of groups of channels that are sorted together: the groups whose samples fit in [`SORTED`]
+    /// bytes.
     fn sorted_together(&self) -> usize {
         SORTED / (8 * self.points.len() * self.channels).max(1)
     }
 
-    /// Returns, for a block of channels, the number of channels in each of its groups and the number of samples of a
-    /// group.
+    /// Divides a block of channels into groups. Returns the number of channels in each group, and the number of samples
+    /// of all channels of a group.
     fn group(&self, block: &Range<usize>) -> (usize, usize) {
         let count = block.len().min(self.channels);
         (count, count * self.points.len())
@@ -330,9 +333,9 @@ impl Transform {
         block.clone().step_by(count.max(1)).map(move |first| first..first + count)
     }
 
-    /// Calls `work` for blocks of channels: blocks of up to `together` complete groups, then one block of the
-    /// remaining channels. The working memory has the parts that `uses` names: samples for all groups of the block,
-    /// everything else for one group.
+    /// Calls `work` for blocks of channels. A group has `self.channels` channels. Each block consists of up to
+    /// `together` complete groups, except for a last block of the remaining channels. The working memory has the parts
+    /// that `uses` selects: samples for all groups of the block, and everything else for one group.
     fn grouped(
         &self,
         channels: usize,
@@ -362,7 +365,7 @@ impl Transform {
 }
 
 /// Returns cosine and sine of the colatitude `(j + 1/2) pi / rings` of a northern ring. The angle is measured from the
-/// nearer of pole and equator, since its rounding error is multiplied by the degree.
+/// pole or the equator, whichever is nearer, because the angle's rounding error is multiplied by the degree.
 fn ring_angle(j: usize, rings: usize) -> [f64; 2] {
     let angle = |numerator: usize| numerator as f64 * std::f64::consts::PI / (2 * rings) as f64;
     if 4 * j + 2 < rings {

@@ -20,11 +20,11 @@ pub(crate) struct Workspace {
     pub(crate) by_order: Vec<f64>,
 }
 
-/// The parts of the working memory that a call uses. Parts that aren't touched cost nothing.
+/// The parts of the working memory that a call uses. Unused parts cost nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Uses {
-    /// Whether a call uses the grid for interpolation, and the grid for spreading with the parts to compute
-    /// coefficients.
+    /// Whether a call uses the grid for interpolation, and whether it uses the grid for spreading. The latter includes
+    /// the memory for computing coefficients from this grid.
     grids: [bool; 2],
     samples: bool,
 }
@@ -64,8 +64,8 @@ impl Workspace {
     }
 }
 
-/// Resizes an array; the caller overwrites all values. If it grows, all threads create the new one, since the first
-/// access to new pages takes longer than any other work on the array.
+/// Resizes an array; the caller overwrites all values. If the array grows, all threads together create the new array,
+/// because the first access to new pages takes longer than any other work on the array.
 fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
     if length > values.capacity() {
         // The old values need not be copied.
@@ -76,11 +76,12 @@ fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize
     }
 }
 
-/// Working memory of one thread for a pair of orders.
+/// Working memory of one thread for two orders that are transformed together: an even order and the next odd order.
 pub(crate) struct ThreadWorkspace {
     /// Scaled coefficients (L + 1 - m, columns) of an order, row-major.
     pub(crate) x: Vec<f64>,
-    /// Sums (rings, columns) over even and over odd `l - m`, for the even and for the odd order of the pair.
+    /// For the even order and then for the odd order: sums (rings, columns) over the degrees l with even `l - m`, and
+    /// over those with odd `l - m`.
     pub(crate) sums: [[Vec<f64>; 2]; 2],
     pub(crate) work: Work,
 }

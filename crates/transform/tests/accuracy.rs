@@ -13,7 +13,8 @@ fn noise(i: usize) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// Returns scattered directions and numerically critical ones: at the poles, near them, at the seam and on the equator.
+/// Returns scattered directions and numerically critical directions: at the poles, near them, at the seam and on the
+/// equator.
 fn directions(scattered: usize) -> Directions {
     let mut vertices = vec![[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-0.0, 0.0, 1.0]];
     for sign in [1.0, -1.0] {

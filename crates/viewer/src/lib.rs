@@ -3,7 +3,7 @@
 //! The pages of `spharm report` contain this crate as WebAssembly: a [`View`] holds one model's coefficients,
 //! directions and triangles, and evaluates the surface to any degree, with its normals and its distances from a
 //! reference surface. On `wasm32`, the module `exports` turns the crate into a library of C functions. On other
-//! targets, which serve for tests, only the type exists.
+//! targets, which are used only for tests, the crate has [`View`] but no C functions.
 //!
 //! `./run report-assets` builds the WebAssembly, and writes it to `crates/report/assets`.
 //!

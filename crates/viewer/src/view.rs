@@ -19,8 +19,8 @@ pub struct View {
     pub coefficients: Vec<f64>,
     /// Triangles, (m, 3).
     pub faces: Vec<u32>,
-    /// Offsets of the reference surface from the model at its highest degree, (n, 3), in steps; empty without a
-    /// reference.
+    /// Offsets of the reference surface from the model at its highest degree, (n, 3), in multiples of the `step` given
+    /// to [`refer`](Self::refer); empty without a reference.
     pub offsets: Vec<i16>,
     plan: Option<Transform>,
     evaluated: Vec<f64>,
@@ -129,12 +129,13 @@ impl View {
         Ok(())
     }
 
-    /// Measures the distance of each vertex from the corresponding vertex of the reference. If `signed`, measures
-    /// instead the component of the displacement along the reference's normal, which is positive outside.
+    /// Measures the distance of each vertex from the corresponding vertex of the reference. If `signed` is true,
+    /// measures instead the component of the displacement along the reference's normal, which is positive outside.
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`] if there is no reference, or it has another number of vertices than the evaluated surface.
+    /// [`ViewError::Shape`] if there is no reference, or if the reference and the evaluated surface have different
+    /// numbers of vertices.
     pub fn measure(&mut self, signed: bool) -> Result<(), ViewError> {
         expect("reference", self.evaluated.len(), self.reference.len())?;
         let pairs = self.evaluated.chunks_exact(3).zip(self.reference.chunks_exact(3));
@@ -193,7 +194,7 @@ mod tests {
             faces: vec![0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5],
             ..View::default()
         };
-        // The surface is similar to a sphere, so that normals point outwards.
+        // Make the surface similar to a sphere, so that its normals point outwards.
         for (row, channel) in [(3, 0), (1, 1), (2, 2)] {
             view.coefficients[3 * row + channel] += 20.0;
         }

@@ -79,7 +79,7 @@ pub(super) fn moments(bytes: &mut [u8]) {
     put(bytes, len - 32, hash.as_bytes());
 }
 
-/// Reads a number of variable length at `at`, and advances `at` behind it.
+/// Reads a number of variable length at `at`, and advances `at` past the number.
 fn varint(bytes: &[u8], at: &mut usize) -> Option<u64> {
     let mut value = 0;
     for shift in (0..64).step_by(7) {

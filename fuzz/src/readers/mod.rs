@@ -48,7 +48,7 @@ pub(crate) const READERS: [(&str, Reader); 13] = [
 ///
 /// # Panics
 ///
-/// If there is no such reader, or it doesn't keep a promise.
+/// If no reader has this name, or if the reader's result violates one of the reader's guarantees.
 pub(crate) fn run(name: &str, folder: &Path, input: &[u8]) {
     let (_, reader) = READERS.iter().find(|(known, _)| *known == name).expect("a reader");
     reader(folder, input);

@@ -9,10 +9,10 @@ use super::super::args::{Models, ReportArgs, Resources};
 
 /// Check the subjects of a group for outliers, duplicates and cut labels, and draw a picture of each
 ///
-/// Compares volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the
-/// modes by robust z, and flags values above 3.5. Also flags subjects that have the same input, model or surface as
+/// Flags a subject if the robust z of its volume, area, sphericity, residual of the fit, distance from the mean or
+/// score along a mode exceeds 3.5 in absolute value. Also flags subjects that have the same input, model or surface as
 /// another subject, a label at the border of the volume, voxels of a different size, or large repairs, and subjects
-/// that account for most of a mode. A flag isn't a verdict: look at the subject's picture.
+/// that account for most of a mode. A flag is only a reason to look at the subject's picture.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -22,8 +22,8 @@ use super::super::args::{Models, ReportArgs, Resources};
          --thumbnails thumbnails",
     ],
     &[
-        "Robust z is (value - median) / (1.4826 MAD), for groups of five subjects or more. Small residuals and \
-         distances are not flagged.",
+        "Robust z is (value - median) / (1.4826 MAD), for groups of five subjects or more. The residual of \
+         the fit and the distance from the mean are flagged only if they are unusually large, not if they are small.",
     ],
 ))]
 pub(crate) struct Cli {
@@ -31,7 +31,7 @@ pub(crate) struct Cli {
     pub(super) models: Models,
     /// The given models after alignment to a common pose, under the same names
     ///
-    /// As written by `spharm shape align --group` or `spharm shape correspond`.
+    /// These models are written by `spharm shape align --group` and `spharm shape correspond`.
     #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., requires = "mean", help_heading = INPUT)]
     pub(super) aligned: Vec<PathBuf>,
     /// Mean of the aligned models, from which distances are measured
@@ -42,16 +42,19 @@ pub(crate) struct Cli {
     pub(super) scores: Option<PathBuf>,
     /// Transforms from the surfaces' frames to the aligned models' frames
     ///
-    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`. Used for the pictures.
+    /// The file is written by `spharm shape align --transforms` or `spharm shape correspond --report`. The transforms
+    /// are used for the pictures.
     #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
     pub(super) frames: Option<PathBuf>,
-    /// Files of warnings of other commands, each a JSON list of strings; a string `NAME: ...` becomes a flag of the
-    /// subject NAME
+    /// Files with warnings of other commands
+    ///
+    /// Each file is a JSON list of strings. A string `NAME: ...` becomes a flag of the subject NAME.
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
     /// Table with the columns id, state and error, for the subjects without a model
     ///
-    /// A column `accepted` gives the reason for accepting a subject's flags: such a subject is listed, but not flagged.
+    /// The optional column `accepted` gives the reason for accepting a subject's flags. A subject whose flags are
+    /// accepted is listed, but not flagged.
     #[arg(long, value_name = "FILE.tsv", help_heading = INPUT)]
     pub(super) status: Option<PathBuf>,
     /// Table to write, with a row for each subject, the worst first

@@ -14,7 +14,8 @@ pub(super) fn extent(model: &Model, pose: &Similarity) -> Result<[[f64; 3]; 2]> 
 }
 
 /// Returns the surface of a model, evaluated on the model's own sphere if the sphere has triangles, otherwise on an
-/// icosphere that suits the model's degree. On its own sphere, the facets are as small as the fitted surface's.
+/// icosphere that suits the model's degree. On the model's own sphere, the facets are as small as the facets of the
+/// fitted surface.
 pub(super) fn surface_of(model: &Model) -> Result<Mesh> {
     match &model.sphere {
         Some(sphere) if !sphere.faces.is_empty() => evaluated(model, sphere),

@@ -21,7 +21,7 @@ use super::args::Cli;
 use super::evaluated::extent;
 use crate::report::{surface_path, warnings};
 
-/// State of a subject. Subjects are listed in the order of the variants.
+/// State of a subject. The list of subjects is sorted by state, in the order of the variants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum State {
     Flagged,
@@ -72,7 +72,7 @@ pub(super) struct Inputs {
     frames: Option<Vec<Similarity>>,
     /// Warnings about each subject, without its name.
     warnings: Vec<Vec<String>>,
-    /// Reason for accepting the flags of each subject whose flags were accepted; may be empty.
+    /// Subjects whose flags were accepted, each with the reason, which may be empty.
     pub(super) accepted: HashMap<String, String>,
     pub(super) others: Vec<WithoutModel>,
 }
@@ -98,7 +98,7 @@ impl Inputs {
         Ok(Self { mean, scores, aligned, frames, warnings, accepted, others, models, names })
     }
 
-    /// Returns the files of all models, aligned ones included.
+    /// Returns the files of all models, including the aligned models.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         self.models.iter().chain(self.aligned.iter().flatten()).cloned().collect()
     }
@@ -125,7 +125,7 @@ impl Inputs {
         drop(model);
         if let (Some(mean), Some(aligned)) = (&self.mean, &self.aligned) {
             let aligned = Model::read(&aligned[index])?;
-            // The degrees of a group can differ; such models have no distance from the mean.
+            // A model whose degree differs from the degree of the mean has no distance from the mean.
             facts.measures[Measure::Distance as usize] = match rmsd(&aligned.coefficients, &mean.coefficients) {
                 Ok(distance) => Some(distance),
                 Err(ShapeError::Differ { .. }) => None,

@@ -15,11 +15,11 @@ pub(super) struct Line<'a> {
     found: Option<(&'a Facts, &'a Checked)>,
     /// Reason why there is no model, or why the flags were accepted.
     reason: &'a str,
-    /// Scale of the picture, at most 1; below 1 for a surface that is much larger than the others.
+    /// Scale of the picture, at most 1; below 1 for a surface that is much larger than the other surfaces.
     scale: Option<f64>,
 }
 
-/// Columns of the table after id, state and flags. Each measure has a column with its robust z beside it.
+/// Columns of the table after id, state and flags. Next to the column of each measure is a column with its robust z.
 const COLUMNS: [&str; 20] = [
     "volume",
     "volume_z",
@@ -44,8 +44,8 @@ const COLUMNS: [&str; 20] = [
 ];
 
 impl<'a> Line<'a> {
-    /// Returns the line of a subject with a model. `accepted` is the reason why its flags were accepted, if they were;
-    /// `scale` is the scale of its picture.
+    /// Returns the line of a subject with a model. `accepted` is the reason for accepting the subject's flags, if they
+    /// were accepted. `scale` is the scale of the subject's picture.
     pub(super) fn of(facts: &'a Facts, checked: &'a Checked, accepted: Option<&'a String>, scale: Option<f64>) -> Self {
         let state = match (checked.flags.is_empty(), accepted) {
             (true, _) => State::Ok,
@@ -136,7 +136,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Sorts the subjects: flagged ones first, and among them the worst at the top.
+/// Sorts the subjects: flagged subjects first, and among these the worst at the top.
 pub(super) fn sort(lines: &mut [Line<'_>]) {
     lines.sort_by(|a, b| a.state.cmp(&b.state).then(b.severity().total_cmp(&a.severity())));
 }

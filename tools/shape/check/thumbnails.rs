@@ -24,11 +24,11 @@ use crate::report::surface_file;
 
 /// Width and height of a picture in pixels.
 const SIZE: [usize; 2] = [160, 120];
-/// Multiple of the median residual that is drawn in red; few residuals of a good fit are larger.
+/// Distance that is drawn in red, as a multiple of the median residual. In a good fit, few residuals are larger.
 const RED: f64 = 4.0;
-/// Fraction of the median size of the surfaces that is drawn in red if residuals are unknown.
+/// Distance that is drawn in red if residuals are unknown, as a fraction of the median size of the surfaces.
 const RED_BY_EXTENT: f64 = 0.02;
-/// Factor by which the box shown in all pictures exceeds the median box of the surfaces.
+/// Factor by which the box shown in all pictures exceeds the median bounding box of the surfaces.
 const ROOM: f64 = 1.3;
 /// Maximum number of subjects named in a warning.
 const NAMED: usize = 6;
@@ -54,8 +54,8 @@ pub(super) fn paths(folder: &Path, models: &[PathBuf]) -> Vec<PathBuf> {
     models.iter().map(one).collect()
 }
 
-/// Returns the memory in bytes for drawing the largest surface, besides its model: the file and the mesh, its copy in
-/// the common pose, and the search tree of the model's surface.
+/// Returns the memory in bytes for drawing the largest surface, in addition to its model: the file and the mesh, its
+/// copy in the common pose, and the search tree of the model's surface.
 pub(super) fn bytes(found: &[Found]) -> u64 {
     let file = found.iter().map(|found| found.surface_bytes).max().unwrap_or(0);
     // A vertex takes at least 12 bytes of the file, and a mesh has twice as many triangles as vertices.
@@ -132,7 +132,7 @@ fn without_surface(names: &[String], missing: &[Option<String>]) -> Option<Strin
     ))
 }
 
-/// Returns the median box of the subjects, enlarged to leave room for larger ones.
+/// Returns the median bounding box of the subjects, enlarged to leave room for larger surfaces.
 fn common_box(found: &[Found]) -> [[f64; 3]; 2] {
     let middle =
         |of: &dyn Fn(&[[f64; 3]; 2]) -> f64| median(&found.iter().map(|found| of(&found.extent)).collect::<Vec<_>>());
@@ -161,7 +161,8 @@ fn along_shortest([low, high]: [[f64; 3]; 2]) -> View {
     View::new(unit(axes[0]), unit(axes[1]))
 }
 
-/// Returns the colour of a distance: 0 is grey, 1 and more is red.
+/// Returns the colour of a distance: grey for 0, red for 1 and more. `distance` is a fraction of the distance shown in
+/// red.
 fn colour(distance: f64) -> [u8; 3] {
     let at = 2.0 * distance.clamp(0.0, 1.0);
     let (first, rest) = if at < 1.0 { (0, at) } else { (1, at - 1.0) };

@@ -19,7 +19,7 @@ use super::{Cli, member_json, rows};
 
 /// Maximum number of existing members used to refine a new member's correspondence.
 const REFERENCES: usize = 300;
-/// Maximum number of existing members with which a new member of a group without refinement is compared.
+/// Maximum number of existing members with which a new member is compared if the group has no refinement.
 const COMPARED: usize = 8;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
@@ -105,7 +105,8 @@ struct Added {
     warnings: Vec<String>,
 }
 
-/// Adds a surface; returns `None` if an earlier run added it. Warns if the surface is that of an existing member.
+/// Adds a surface to the group. Returns `None` if an earlier run has already added the surface. Warns if an existing
+/// member has the same surface.
 fn added(
     cli: &Cli,
     surface: &Surface,
@@ -123,7 +124,7 @@ fn added(
             let with = if origin.mirrored { "with" } else { "without" };
             bail!("the existing member {name} was made {with} --mirrored; choose another folder or give --force");
         }
-        // Records of earlier versions lack the axes.
+        // Records written by earlier versions don't contain the order of the axes.
         if let (Some(found), Some(axes)) = (&origin.axes, surface.axes())
             && *found != axes
         {
@@ -141,7 +142,7 @@ fn added(
         same_file || member.report.same_surface(&found.report)
     };
     let same = existing.iter().find(is_same).map(|member| format!("{IDENTICAL_TO}{}", member.name));
-    // Only warnings about equal members of a new group name another member.
+    // These warnings don't contain the name of another member: only warnings about equal members of a new group do.
     let others = found.warnings.iter().map(|of| of.of_member(|_| String::new()));
     let of_member: Vec<String> = same.into_iter().chain(others).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();

@@ -66,8 +66,8 @@ pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Mar
     of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?)).map(Some)
 }
 
-/// Returns the landmarks that guide the registration. If a template is given, it must be one of the surfaces, whose
-/// landmarks are then also the template's.
+/// Returns the landmarks that guide the registration. A given template must be one of the surfaces, because the
+/// landmarks of that surface are also used for the template.
 pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
     let Some(marks) = marks else {
         return Err(

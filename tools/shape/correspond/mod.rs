@@ -1,4 +1,4 @@
-//! `shape correspond`: models surfaces over one sphere, so that equal directions are equal places.
+//! `shape correspond`: models surfaces over one sphere, so that equal directions are corresponding points.
 
 mod join;
 mod marks;
@@ -39,7 +39,7 @@ use super::outputs::finish;
 
 /// Make surfaces correspond: fit models of all surfaces over one sphere
 ///
-/// One template is mapped to the sphere, and registered in space to every surface. Surfaces may have any topology,
+/// A template is mapped to the sphere, and registered in space to every surface. Surfaces may have any topology,
 /// including handles, holes and stray pieces, and don't need a common pose. All surfaces are fitted over the template's
 /// sphere, in one frame, and the group's own statistics refine the correspondence. With --to, surfaces are added to an
 /// existing group: the new members are written to the output folder, and the folder of the group isn't changed.
@@ -67,16 +67,16 @@ pub(super) struct Cli {
     surfaces: Vec<PathBuf>,
     /// Table of the surfaces, with columns id and surface, and optionally label, landmarks, mirrored and signals
     ///
-    /// TSV, or CSV if its name ends in .csv; paths are relative to the table. Members are named by their ids. The
-    /// column `mirrored` (yes or no) replaces --mirrored.
+    /// The table is TSV, or CSV if its name ends in .csv. Paths are relative to the table. Members are named by their
+    /// ids. The column `mirrored` (yes or no) replaces --mirrored.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
     /// Label to use in the volumes; needed only if a volume has several labels
     ///
     /// With --table, each row may have its own label.
     ///
-    /// A label's surface is smoothed within half a voxel, because otherwise the template would follow the steps between
-    /// voxels.
+    /// A label's surface is smoothed by up to half a voxel, because otherwise the template would follow the steps
+    /// between voxels.
     #[arg(long, value_name = "N", help_heading = INPUT)]
     label: Option<i64>,
     #[command(flatten, next_help_heading = INPUT)]
@@ -100,22 +100,22 @@ pub(super) struct Cli {
     shard: Option<Shard>,
     /// Landmarks in the surfaces' own frames, to check the correspondence
     ///
-    /// A folder with one file per surface, named like the surface; or one file per surface, in the surfaces' order. The
-    /// files are .mrk.json, .fcsv, .json, .csv or .tsv.
+    /// Give a folder with one file per surface, named like the surface, or one file per surface, in the surfaces'
+    /// order. The files are .mrk.json, .fcsv, .json, .csv or .tsv.
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
     landmarks: Vec<PathBuf>,
     /// Also let the landmarks guide the registration
     ///
     /// The template's landmarks are pulled to each surface's landmarks, and held there in the refinement. Five more
-    /// registrations, each without a fifth of the landmarks, measure the error at the landmarks left out. A
-    /// template given by --template must be one of the surfaces.
+    /// registrations each omit a fifth of the landmarks, and measure the error at the omitted landmarks. A template
+    /// given by --template must be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
     /// Signals on the surfaces, such as thickness, to match in the refinement [default weight: 0.1]
     ///
-    /// SIGNAL is a column of the table, or the name of a file in each surface's folder; in this name, {stem} stands for
-    /// the surface's name without its format. One standard deviation of the signal weighs as much as a distance of
-    /// WEIGHT times the square root of the surface's area; normals have weight 0.12.
+    /// SIGNAL is a column of the table, or the name of a file in each surface's folder; in this name, {stem} is
+    /// replaced by the surface's name without its format. One standard deviation of the signal weighs as much as a
+    /// distance of WEIGHT times the square root of the surface's area; normals have weight 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
     /// Rounds of registration; from the second round on, the group's mean is the template
@@ -129,10 +129,10 @@ pub(super) struct Cli {
     no_refinement: bool,
     /// Poses to consider
     ///
-    /// With `any`, every rotation of a surface is tried, so a surface that looks nearly the same after a half turn may
-    /// end up turned over. With `near`, only the surface's own pose is improved; use it for surfaces in one
-    /// coordinate system, such as scans in template space. With `given`, the surface stays where it is, so no
-    /// alignment spreads a local change over the whole surface. `given` can't be combined with --scale or --mirror.
+    /// With `any`, all rotations of a surface are tried. A surface that looks nearly the same after a half turn may
+    /// then be turned over. With `near`, the surface's own pose is only improved. Use `near` for surfaces in one
+    /// coordinate system, such as scans in template space. With `given`, the surface isn't moved, so an alignment can't
+    /// spread a local change over the whole surface. `given` can't be combined with --scale or --mirror.
     #[arg(long, value_name = "POSE", value_enum, default_value_t = Poses::Any, help_heading = METHOD)]
     pose: Poses,
     /// Scale surfaces to a common size
@@ -141,9 +141,9 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Surfaces to mirror first (x to -x), such as right hemispheres among left ones
+    /// Surfaces to mirror first (x to -x), such as right hemispheres in a group of left hemispheres
     ///
-    /// The models describe the mirrored surfaces; transforms to the group's frame include the reflection.
+    /// The models describe the mirrored surfaces. Transforms to the group's frame include the reflection.
     #[arg(long, value_name = "SURFACE", num_args = 1.., help_heading = METHOD)]
     mirrored: Vec<PathBuf>,
     /// Output folder

@@ -50,7 +50,8 @@ pub(crate) const MIRRORED: &str = "mirrored";
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub(crate) struct With {
-    /// Name of a column of the table, or of a file in the surface's folder, in which {stem} is the surface's name.
+    /// Name of a column of the table, or of a file in the surface's folder. In a file's name, {stem} is replaced by the
+    /// surface's name.
     pub(crate) name: String,
     pub(crate) weight: f64,
 }
@@ -161,7 +162,7 @@ pub(super) fn volume_warnings<'a>(surfaces: impl IntoIterator<Item = &'a Surface
     doubts.warnings()
 }
 
-/// Returns a warning if the group seems to mix two sides.
+/// Returns a warning if the group seems to mix left and right sides.
 pub(super) fn two_sides(group: &Group, surfaces: &[Surface]) -> Option<String> {
     let of_pose = |warning: &CorrespondWarning| match warning {
         CorrespondWarning::Pose(of_pose) => Some(*of_pose),
@@ -241,8 +242,9 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
     }
 }
 
-/// Refuses groups that don't fit into memory. Making a group holds the places and coefficients of all members. Adding
-/// members one after another to a group holds only `compared` members.
+/// Refuses groups that don't fit into memory. A new group needs memory for the corresponding points and the
+/// coefficients of all members. If members are added to an existing group one after another, only `compared` existing
+/// members are in memory.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,
@@ -263,7 +265,7 @@ pub(in crate::shape) fn plan(
 /// Returns the memory needed, in bytes:
 /// - for each member held, several copies of its places and coefficients;
 /// - for each thread, a surface with its search trees and the work of a registration;
-/// - for each existing member to which new ones are compared, two copies of its values, with six channels;
+/// - for each existing member with which new members are compared, two copies of its values, with six channels;
 /// - for the template, its kernels of 200 columns each and the factor of its thin plate, or the memory of mapping it if
 ///   that is larger.
 ///

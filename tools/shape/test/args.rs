@@ -14,10 +14,10 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
 /// Test groups, covariates and means at every vertex
 ///
 /// Compares two groups of models, --a and --b, or tests an --effect or the --mean of a table of subjects, with
-/// --covariates. The surfaces have to correspond (`spharm shape align --group`, or spheres that share their
-/// parameters), and the rows have to be independent subjects. If each subject has two models, --paired and --minus test
-/// the differences; if these models are left and right, first mirror those of one side (`spharm shape rotate
-/// --mirror`). If rows depend on each other in other ways, give --blocks.
+/// --covariates. The surfaces must correspond (after `spharm shape align --group`, or because their spheres are
+/// registered), and the rows must be independent subjects. If each subject has two models, use --paired or --minus to
+/// test the differences. If the two models are left and right, first mirror the models of one side (`spharm shape
+/// rotate --mirror`). If rows depend on each other in other ways, give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -53,7 +53,8 @@ pub(crate) struct Cli {
     pub(super) b: Vec<PathBuf>,
     /// Treat the models of --a and --b as pairs, in order: test the mean of the differences, a minus b
     ///
-    /// Pairs whose names belong to different subjects, apart from the side, cause a warning. test.json lists the pairs.
+    /// A warning is given if the two names of a pair, without the side, belong to different subjects. test.json lists
+    /// the pairs.
     #[arg(long, requires = "a", help_heading = INPUT)]
     pub(super) paired: bool,
     /// Table of subjects, CSV or TSV
@@ -69,11 +70,11 @@ pub(crate) struct Cli {
     /// or, with --models, the folder of the other models
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
-    /// Column of the table to test (the slope if it has numbers, the difference between levels if it has levels), or
-    /// the interaction of two columns, such as group:age
+    /// Column of the table to test, or the interaction of two columns, such as group:age
     ///
-    /// An interaction of levels and numbers is the difference of the slopes within the levels; an interaction of two
-    /// columns of levels is the difference of the differences.
+    /// For a column of numbers, the slope is tested. For a column of levels, the difference between the levels is
+    /// tested. An interaction of levels and numbers is the difference of the slopes within the levels; an interaction
+    /// of two columns of levels is the difference of the differences.
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     pub(super) effect: Option<String>,
     /// Test whether the mean of differences (--minus), or of a signal's values, is zero
@@ -86,13 +87,14 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
     /// Contrast to test instead of the effect's own contrast: a combination of the design's columns, such as "mild -
-    /// control"; if given several times, the test is whether any contrast differs from zero (F)
+    /// control"
     ///
-    /// The design's columns are named LEVEL for the effect's levels (for an interaction LEVEL:NUMBERS or LEVEL:LEVEL),
-    /// NAME for a column of numbers, NAME LEVEL for each level of a covariate except the first, and a:b for products of
-    /// these. test.json lists the columns. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces
-    /// separate signs from names. A name that is also a combination of other columns, such as a level a - b, needs
-    /// double quotes.
+    /// If the option is given several times, the test is whether any of the contrasts differs from zero (F test). The
+    /// design has these columns: LEVEL for each level of the effect, or LEVEL:NUMBERS or LEVEL:LEVEL for an
+    /// interaction; NAME for a column of numbers; NAME LEVEL for each level of a covariate except the first; and a:b
+    /// for the product of two columns a and b. test.json lists the columns. Weights are numbers or fractions: "severe -
+    /// 1/2 mild - 1/2 control"; spaces separate signs from names. A name that is also a combination of other columns,
+    /// such as a level a - b, needs double quotes.
     #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
     pub(super) contrast: Vec<String>,
     /// Columns of the table to account for, and their interactions, such as age,sex,age:sex
@@ -101,26 +103,26 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// File that selects the vertices to test: vertices with nonzero values, or the vertices of a FreeSurfer label; if
-    /// given several times, the vertices within all masks are tested
+    /// File that selects the vertices to test: vertices with nonzero values, or the vertices of a FreeSurfer label
     ///
-    /// The other vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their
-    /// statistic is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg,
-    /// fsaverage/label/lh.cortex.label excludes the medial wall; FreeSurfer's labels and annotations need their own
-    /// --sphere. The folder of a group made by `spharm shape correspond`, or its group.json, excludes the parts that
-    /// exist only on the template, such as the lids of its holes.
+    /// If the option is given several times, the vertices within all masks are tested. Vertices outside the masks don't
+    /// enter the family-wise maximum or the false-discovery rate. In the maps, these vertices have the statistic 0 and
+    /// p values of 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label excludes the medial
+    /// wall; FreeSurfer's labels and annotations need their own --sphere. The folder of a group made by `spharm shape
+    /// correspond`, or its group.json, excludes the parts that exist only on the template, such as the lids of its
+    /// holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Vec<PathBuf>,
     /// File of named regions, to name the region of each cluster's peak: FreeSurfer's .annot, or GIfTI labels of the
     /// sphere's vertices
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
-    /// Tables of further measures to test in the same way, as `spharm shape measure -o` and `shape pca --scores` write
-    /// them: all columns of numbers, or the named columns; the first column has the models' names
+    /// Tables of further measures to test in the same way: all columns of numbers, or the named columns
     ///
-    /// summary.csv has the numbers of subjects, means, standard deviations, effects with confidence intervals, p
-    /// values, and q and family-wise p values over all measures. With --paired and --minus, the differences are
-    /// tested.
+    /// Such tables are written by `spharm shape measure -o` and `spharm shape pca --scores`. Their first column has the
+    /// models' names. For each measure, the output file summary.csv has the numbers of subjects, means, standard
+    /// deviations, effects with confidence intervals, p values, and q and family-wise p values over all measures. With
+    /// --paired and --minus, the differences are tested.
     #[arg(long, value_name = "FILE[:COLUMNS]", num_args = 1.., value_parser = source, help_heading = INPUT)]
     pub(super) measures: Vec<Source>,
     /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal
@@ -136,18 +138,20 @@ pub(crate) struct Cli {
     #[arg(long, help_heading = METHOD)]
     pub(super) welch: bool,
     /// Column of the table in which equal values mark rows that depend on each other, such as visits of a subject or
-    /// members of a family: relabellings stay within these blocks
+    /// members of a family
     ///
-    /// With an effect within blocks and the blocks as a categorical covariate, the test is the paired test or the test
-    /// of repeated measurements. The test assumes that the effect is equal in all blocks. If it may differ, such as the
-    /// rate of growth, compute one slope or difference for each block and test these.
+    /// These rows form a block, and relabellings stay within blocks. With an effect within blocks and the blocks as a
+    /// categorical covariate, the test is the paired test or the test of repeated measurements. The test assumes that
+    /// the effect is equal in all blocks. If the effect may differ between blocks, as a rate of growth may, compute one
+    /// slope or difference for each block and test these values.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,
     /// Exchange whole blocks of the same size rather than observations within blocks
     ///
-    /// Observations of two blocks are matched by the columns of the design that vary within blocks, such as the visit;
-    /// if the blocks' values differ, by the rank of the one column that varies, such as the age; for several such
-    /// columns, by their order in the table, with a warning.
+    /// Observations of two blocks are matched by the columns of the design that vary within blocks, such as the visit.
+    /// If a single column varies and its values differ between blocks, as ages do, observations are matched by rank. If
+    /// several columns vary and their values differ between blocks, observations are matched by their order in the
+    /// table, and a warning is given.
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
     /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more

@@ -8,8 +8,8 @@ use spharm_surface::Hemisphere;
 use super::super::masks::is_group;
 use super::args::Cli;
 
-/// Returns warnings about models of both hemispheres, and about a sphere, masks and an annotation that don't belong
-/// to the models' hemisphere. `of_models` has the hemisphere or side of each model, as far as it is known.
+/// Returns warnings about models of both hemispheres, and about a sphere, masks and an annotation that don't belong to
+/// the models' hemisphere. `of_models` has the hemisphere or side of each model, if known.
 pub(super) fn warnings(
     cli: &Cli,
     sphere: &Sphere,

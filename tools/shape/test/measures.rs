@@ -27,9 +27,9 @@ pub(super) struct Measures {
 }
 
 impl Measures {
-    /// Reads the measures of the subjects of a test; for pairs, the differences, first minus second. Columns of text
-    /// and columns of equal numbers are skipped unless they are named. Unnamed columns in which some numbers are
-    /// missing are skipped with a warning through `warn`.
+    /// Reads the measures of the subjects of a test. For pairs, computes the differences, first minus second. Columns
+    /// of text and columns of equal numbers are skipped unless they are named. Unnamed columns in which some numbers
+    /// are missing are skipped with a warning through `warn`.
     ///
     /// # Errors
     ///
@@ -122,8 +122,9 @@ impl Read {
     }
 }
 
-/// Returns the unit of a column in a table of `shape measure` or `shape pca --scores`: 1, or a power of `length`, the
-/// models' unit, which models don't record. Empty for other tables, whose units aren't known.
+/// Returns the unit of a column in a table of `shape measure` or `shape pca --scores`: 1, or a power of `length`. The
+/// word `length` means the models' unit, which models don't record. Returns an empty text for other tables, because
+/// their units aren't known.
 fn unit(table: &Table, column: &str) -> &'static str {
     let measured = COLUMNS.iter().all(|name| table.has(name));
     let scores = table.names().skip(1).enumerate().all(|(at, name)| name == format!("mode_{}", at + 1));
@@ -160,7 +161,7 @@ impl Spread {
         let mean = values.clone().sum::<f64>() / count as f64;
         let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
         let deviation = (squares / (count as f64 - 1.0)).sqrt();
-        // The mean of scores is zero up to rounding.
+        // Replace a mean that is zero up to rounding by zero, as for scores along modes.
         let mean = if mean.abs() < 1e-12 * deviation { 0.0 } else { mean };
         Self { count, mean, deviation }
     }

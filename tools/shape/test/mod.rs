@@ -146,7 +146,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let mean = mean.filter(|_| !sphere.faces.is_empty());
         let mean = mean.map(|(model, degree)| model.reconstruct(&sphere, degree)).transpose()?;
         if spatial {
-            // A signal without a surface is tested over the sphere.
+            // For a signal without a surface to show it on, the areas of the sphere are used.
             let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
             let surface = SurfaceGraph::new(vertices, &sphere.faces)?;
             let surface = match mask {
@@ -220,7 +220,7 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<String> {
     sphere.hemisphere().map(|of| of.cortex().to_owned()).or_else(of_model)
 }
 
-/// Returns the text of a warning, with the option that remedies the problem, if there is one.
+/// Returns the text of a warning, with the option that remedies the problem, if such an option exists.
 fn advised(warning: &TestWarning) -> String {
     match warning {
         TestWarning::UnequalVariances { remedy: Some(Remedy::Welch), .. } => {

@@ -21,9 +21,10 @@ pub(super) struct SubjectsDiffer {
 }
 
 impl SubjectsDiffer {
-    /// Compares the names of pairs, without the parts that state the side: a pair joins different subjects if the two
-    /// names differ, and one of the names occurs in another pair, on the other side. Names of files that aren't unique
-    /// are compared together with the names of their folders, or else with the side.
+    /// Compares the two names of each pair, without the parts that state the side. A pair joins different subjects if
+    /// its two names differ, and one of these names also occurs on the other side of another pair. File names that
+    /// aren't unique are compared together with the names of their folders. If this doesn't make them unique, they are
+    /// compared with the parts that state the side.
     pub(super) fn of(first: &[PathBuf], second: &[PathBuf]) -> Option<Self> {
         let unique = |names: &[String]| names.iter().collect::<HashSet<_>>().len() == names.len();
         let named = |parts: usize| [first, second].map(|paths| subjects(paths, parts));
@@ -54,7 +55,7 @@ impl fmt::Display for SubjectsDiffer {
     }
 }
 
-/// Returns the last parts of the paths, without the parts of names that state the side.
+/// Returns the last `parts` components of each path, without the parts of their names that state the side.
 fn subjects(paths: &[PathBuf], parts: usize) -> Vec<String> {
     let subject = |path: &PathBuf| {
         let folders = path.parent().into_iter().flat_map(Path::iter).rev().map(|name| name.to_string_lossy());
@@ -89,7 +90,7 @@ mod tests {
     #[test]
     fn names_of_different_subjects_are_found() {
         let of = |a: &[&str], b: &[&str]| SubjectsDiffer::of(&paths(a), &paths(b)).map(|found| found.pairs.len());
-        // The first list lacks s2, and the second s4.
+        // The first list lacks the subject s2, and the second list lacks the subject s4.
         for (left, right) in [("lh.", "rh."), ("L_", "R_"), ("left-", "right-"), ("", "")] {
             let named = |side: &str, subjects: [u8; 4]| subjects.map(|n| format!("x/{side}s{n}"));
             let (a, b) = (named(left, [1, 3, 4, 5]), named(right, [1, 2, 3, 5]));

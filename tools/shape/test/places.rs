@@ -11,7 +11,7 @@ pub(super) struct Places<'a> {
     sphere: &'a Sphere,
     mean: Option<&'a Mesh>,
     annotation: Option<&'a Annotation>,
-    /// Index in the sampling of each tested vertex.
+    /// For each tested vertex, its index among the vertices of the sphere.
     tested: Vec<usize>,
 }
 

@@ -32,7 +32,7 @@ pub(super) struct Study {
     pub(super) blocks: Option<Blocks>,
     /// Variance group of each row, if given.
     pub(super) variance_groups: Option<Vec<usize>>,
-    /// Reasons to doubt that rows are independent subjects, and that the models of a pair belong to one subject.
+    /// Reasons to doubt that rows are independent subjects, or that the models of a pair belong to one subject.
     pub(super) warnings: Vec<String>,
 }
 
@@ -240,13 +240,14 @@ const SUBJECTS: [&str; 16] = [
     "animalid",
 ];
 
-/// Names of columns that identify subjects, but that columns of groups also have, such as `case` with yes and no.
+/// Names of columns that identify either subjects or groups. For example, a column `case` has either ids or yes and no.
 const SUBJECTS_OR_GROUPS: [&str; 7] = ["patient", "child", "animal", "case", "caseid", "person", "individual"];
 
-/// Number of different cells from which a column with one of these names identifies subjects.
+/// A column named in [`SUBJECTS_OR_GROUPS`] identifies subjects only if it has at least this number of different
+/// values.
 const FEWEST_SUBJECTS: usize = 5;
-/// Average number of rows of each cell up to which such a column identifies subjects; groups, such as species in a
-/// column `animal`, have more.
+/// A column named in [`SUBJECTS_OR_GROUPS`] identifies subjects only if each of its values has at most this number of
+/// rows on average. Groups, such as species in a column `animal`, have more rows per value.
 const MOST_ROWS: usize = 4;
 
 /// Returns whether a column with this name and these cells identifies subjects.

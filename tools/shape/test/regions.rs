@@ -20,10 +20,10 @@ pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// Returns the table of the clusters; `None` if none were requested. The columns are number, vertices, area,
-/// family-wise p, the peak's vertex, direction, position on the mean surface in the frame of that surface, statistic,
-/// effect and region, and the unit of the area: the square of the models' unit of length, or 1 for a signal's clusters
-/// on the unit sphere.
+/// Returns the table of the clusters; `None` if no clusters were requested. The columns are the cluster's number,
+/// vertices, area and family-wise p; the peak's vertex, direction, position on the mean surface (in that surface's
+/// frame), statistic, effect and region; and the unit of the area. This unit is the square of the models' unit of
+/// length, or 1 for a signal's clusters on the unit sphere.
 pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let found = test.family_wise.as_ref()?.clusters.as_ref()?;
     let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];
@@ -63,7 +63,8 @@ fn significant(clusters: &Clusters, level: f64) -> usize {
     clusters.clusters.iter().filter(|cluster| cluster.p <= level).count()
 }
 
-/// Returns the rows of the printed table; `count` turns p values into text.
+/// Returns the rows of the printed table. `count` returns a text with the least of given p values and the number of
+/// vertices with p values up to `level`.
 pub(super) fn lines(found: &FamilyWise, level: f64, count: impl Fn(&[f64]) -> String) -> Vec<Vec<String>> {
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = Vec::new();

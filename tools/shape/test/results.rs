@@ -49,7 +49,7 @@ pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Ve
     maps
 }
 
-/// Returns the maps at the tested vertices alone, without masked ones.
+/// Returns the maps at the tested vertices alone, without the masked vertices.
 fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
     if let Some(family_wise) = &found.family_wise {
@@ -171,8 +171,8 @@ fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     matrix.rows().into_iter().map(|row| row.to_vec()).collect()
 }
 
-/// Returns the names of the statistics for one contrast and for several. With variances by group, these are Aspin and
-/// Welch's v and G instead of t and F.
+/// Returns the names of the statistics for one contrast and for several. With variances by group, the statistics are
+/// Aspin and Welch's v and G instead of t and F.
 fn statistic_names(cli: &Cli) -> [&'static str; 2] {
     if cli.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] }
 }

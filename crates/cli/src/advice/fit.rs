@@ -19,7 +19,8 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
     }
 }
 
-/// Returns the advice on a budget that is too small: names the free memory if that doesn't suffice either.
+/// Returns the advice on a memory budget that is too small. If the free memory doesn't suffice either, the advice
+/// states the amount of free memory.
 fn of_memory(needed: usize) -> String {
     let free = available_memory();
     if free >= needed {

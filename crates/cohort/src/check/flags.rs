@@ -17,7 +17,7 @@ const NAMED: usize = 6;
 /// Changes made by a repair.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Number of voxels dropped, filled or changed. It is 0 for the repair of a mesh.
+    /// Number of voxels dropped, filled or changed. The number is 0 for the repair of a mesh.
     pub voxels: u64,
     /// Descriptions of the changes with their numbers, such as `pieces dropped 2`. Empty if nothing was changed.
     pub texts: Vec<String>,
@@ -62,7 +62,7 @@ impl fmt::Display for Others {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Flag {
-    /// The measure of this subject is far from the measures of the others.
+    /// The value of a measure is far from the values of the other subjects.
     Far {
         /// The measure.
         measure: Measure,
@@ -73,7 +73,7 @@ pub enum Flag {
         /// Robust z of the measure.
         z: f64,
     },
-    /// The score of this subject along a mode is far from the scores of the others.
+    /// The score of this subject along a mode is far from the scores of the other subjects.
     FarScore {
         /// The mode, counted from 1.
         mode: usize,
@@ -124,8 +124,8 @@ impl Flag {
         }
     }
 
-    /// Returns a number that determines the order of flags. It is 1 at the threshold of a robust z, and 1 to 2 for
-    /// flags without a robust z.
+    /// Returns a number that determines the order of flags. The number is 1 at the threshold of a robust z, and 1 to 2
+    /// for flags without a robust z.
     #[must_use]
     pub fn severity(&self) -> f64 {
         match self {

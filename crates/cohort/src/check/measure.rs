@@ -18,7 +18,7 @@ pub enum Measure {
 }
 
 impl Measure {
-    /// All measures, in the order of the arrays in this module.
+    /// All measures, in the order in which arrays contain their values.
     pub const ALL: [Self; 5] = [Self::Volume, Self::Area, Self::Sphericity, Self::Rms, Self::Distance];
 
     /// Returns the name of the measure.
@@ -40,7 +40,7 @@ impl Measure {
         keys.into_iter().zip(Self::ALL).find(|(known, _)| *known == key).map(|(_, measure)| measure)
     }
 
-    /// Returns whether a value with robust z `z` is flagged. Small residuals and distances aren't flagged.
+    /// Returns whether a value with robust z `z` is flagged. Unusually small residuals and distances aren't flagged.
     #[must_use]
     pub fn is_far(self, z: f64) -> bool {
         z > FAR || (z < -FAR && !matches!(self, Self::Rms | Self::Distance))

@@ -67,7 +67,8 @@ pub(super) fn unprepared(
     // A wrap is also recorded as a repair, so the repair of a wrapped mesh doesn't mean that the mesh was fixed.
     let repaired = recorded.repair.is_some() && recorded.wrap.is_none();
     let cut = recorded.handles.is_some();
-    // A label fitted without a recorded repair or cut needs neither. For a mesh, this can't be concluded.
+    // A label that was fitted without a recorded repair or cut doesn't need a repair or a cut. This conclusion doesn't
+    // hold for a mesh.
     let as_it_is = of_label && !repaired && !cut;
     // A repaired label has no handles left to cut.
     let without_handles = of_label && repaired;

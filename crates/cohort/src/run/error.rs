@@ -31,7 +31,7 @@ pub enum RunError {
     OutputIsInput {
         /// Path of the file.
         path: PathBuf,
-        /// What would be written: the model, or a file beside it.
+        /// Kind of the output: the model, or a file beside the model.
         what: &'static str,
     },
     /// A label is given for a mesh, or for a surface over a sphere.

@@ -20,7 +20,7 @@ pub(super) struct Item {
     pub(super) region: Option<FileRecord>,
     /// Existing outputs that the fit may replace.
     pub(super) replace: Replace,
-    /// Input of the model that the fit replaces, if it differs from this input.
+    /// Input from which the replaced model was made, if it differs from the input of this fit.
     pub(super) replaces: Option<FileRecord>,
 }
 
@@ -46,12 +46,14 @@ impl Item {
                 "the values of the model on the sphere (--evaluate-on)",
                 options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
             ),
-            // If models are kept, the cut surface isn't required to exist: a surface without handles has no such file.
+            // If existing models are kept, the cut surface need not exist, because a surface without handles has no
+            // such file.
             (
                 "the surface with its handles cut",
                 (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
             ),
-            // If models are kept, the repaired mesh isn't required to exist: a mesh without defects has no such file.
+            // If existing models are kept, the repaired mesh need not exist, because a mesh without defects has no such
+            // file.
             (
                 "the repaired surface",
                 (repaired && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
@@ -80,8 +82,8 @@ impl Item {
             beside: &beside,
             if_exists: options.if_exists,
         };
-        // Read the surface to find out whether repairs and cuts would change it. This is done only if the request has
-        // repairs or cuts that the existing model was made without.
+        // Read the surface to find out whether repairs and cuts would change it. The surface is read only if the
+        // request has repairs or cuts that the existing model was made without.
         let read = || SurfaceReader::new(options.preparation).read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {

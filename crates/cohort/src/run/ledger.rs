@@ -62,8 +62,9 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, model, Outcome::Failed(error))
     }
 
-    /// Records all rows in progress when `error` has ended the run: as failed if the error concerns all rows, otherwise
-    /// as interrupted, with the error unless it is a signal. Failures to write the table are ignored.
+    /// Records the rows in progress after `error` has ended the run. If the error concerns all rows, the rows are
+    /// recorded as failed. Otherwise the rows are recorded as interrupted, with the error as the reason unless the run
+    /// was cancelled. Failures to write the table are ignored.
     pub(super) fn ended(&self, cohort: &Cohort, error: &RunError) {
         let numbers: Vec<usize> = lock(&self.inner).under_way.keys().copied().collect();
         for number in numbers {

@@ -38,7 +38,7 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
 pub(super) struct Part {
     /// Indices of the rows.
     pub(super) rows: Vec<usize>,
-    /// Settings of the fit, with the weights for these rows.
+    /// Settings of the fits of these rows, including the weights, which are 0 at ignored vertices.
     pub(super) params: FitParams,
     /// Number of vertices that the fit ignores.
     pub(super) left_out: usize,
@@ -114,8 +114,8 @@ pub(super) fn continue_from(
     Ok(())
 }
 
-/// Returns a warning if the model's values at ignored vertices are outside the range of its values at the other
-/// vertices by more than the width of that range.
+/// Compares the model's values at ignored vertices with the range of its values at the other vertices. Returns a
+/// warning if a value is outside this range by more than the width of the range.
 pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>, RunError> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);

@@ -1,8 +1,8 @@
 //! Fits surfaces that are given without a sphere, each over a sphere computed for it.
 //!
-//! Mapping and fitting a small surface, such as one of a label, hardly gets faster with several threads. Therefore
-//! several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces that need
-//! more memory are processed one after another, with the whole budget.
+//! Mapping and fitting a small surface, such as one of a label, is hardly faster with several threads than with one.
+//! Therefore several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces
+//! that need more memory are processed one after another, with the whole budget.
 
 use rayon::prelude::*;
 use spharm::parametrize::{Input, Warning};
@@ -17,8 +17,8 @@ use super::work::Work;
 use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
-/// Number of surfaces per thread in a batch. If it is small, threads idle at the end of each batch. If it is large,
-/// each surface gets only a small share of the memory.
+/// Number of surfaces per thread in a batch. If this number is small, threads idle at the end of each batch. If the
+/// number is large, each surface gets only a small share of the memory.
 const PER_THREAD: usize = 8;
 
 impl Work<'_> {
@@ -107,7 +107,8 @@ impl Work<'_> {
             error => error.into(),
         })?;
         if share.is_some() {
-            // Check before the surface's repairs are reported, since a second attempt would report them again.
+            // Check the memory before the surface's repairs are reported. If the share doesn't suffice, a second
+            // attempt with the whole budget would report the repairs again.
             params.memory = share;
             check_surface(&surface, &params)?;
         }
@@ -149,7 +150,7 @@ impl Work<'_> {
         let reuse = self.params.if_exists.keeps();
         let mapped = item.files.map(surface, &item.record, params, reuse, item.replace, monitor);
         let mapped = mapped.map_err(|error| match error {
-            // The file has a name that the user didn't give, so name the model that it belongs to.
+            // The user didn't give the name of this file, so name the model to which the file belongs.
             Error::Surface(SurfaceError::OutputExists { .. }) => {
                 let model = item.files.model.display();
                 let context =

@@ -18,8 +18,9 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// Largest number of spheres, and of surfaces without a sphere, that are read to check the memory they need. Further
-/// files are read only if outputs exist, and further spheres also if the fits need a basis store.
+/// A preview always reads this number of spheres, and the same number of surfaces without a sphere, to check the memory
+/// they need. A further file is read only if outputs of its rows exist. If the fits need a basis store, all further
+/// spheres are read as well.
 const READ: usize = 3;
 
 /// Result of a preview.

@@ -12,8 +12,8 @@ use super::error::RunError;
 ///
 /// # Errors
 ///
-/// The errors of [`spharm::read_sphere`]; if `strict` is set, also [`RunError::Strict`] if the radius varies, as it
-/// does if the centre isn't the origin.
+/// The errors of [`spharm::read_sphere`]; if `strict` is set, also [`RunError::Strict`] if the radius varies, for
+/// example because the centre isn't the origin.
 pub fn read_sphere(path: &Path, strict: bool, warn: &dyn Fn(&str)) -> Result<Sphere, RunError> {
     let sphere = spharm::read_sphere(path)?;
     for warning in &sphere.warnings {

@@ -35,8 +35,8 @@ pub(super) struct Work<'a> {
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
     /// The inputs checked so far, to find equal inputs.
     pub(super) inputs: Mutex<Inputs>,
-    /// Record of the file that was hashed last. It is kept because a volume with many labels would otherwise be hashed
-    /// for every label.
+    /// Record of the file that was hashed last. The record is kept because a volume with many labels would otherwise be
+    /// hashed for every label.
     record: Mutex<Option<(PathBuf, FileRecord)>>,
 }
 
@@ -161,7 +161,7 @@ impl<'a> Work<'a> {
     fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
         let volume = is_volume(&row.surface) && !on_sphere;
         if let Some(mask) = row.region.as_ref().filter(|_| !on_sphere) {
-            // An input that is mapped to a sphere is a surface.
+            // A region applies only to signals, and an input without a sphere is a surface.
             return Err(RunError::MaskedSurface { path: row.surface.clone(), mask: mask.clone() });
         }
         match row.label {
@@ -191,12 +191,12 @@ impl<'a> Work<'a> {
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
 
-    /// Returns `params` for a sphere, with the weights set to 0 outside the mask of the run, if there is one. If models
-    /// are kept, the scalar type is set to that of the store, unless another type is requested.
+    /// Returns `params` for a sphere, with the weights set to 0 outside the run's mask, if the run has a mask. If
+    /// models are kept, the scalar type is set to that of the store, unless another type is requested.
     pub(super) fn params_at(&self, mut params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
         let Some(sphere) = sphere else { return Ok(params) };
         if self.params.if_exists.keeps() {
-            // The type is looked up here because the look-up for every existing model of a sphere would be slow.
+            // Look up the type once for the sphere: a look-up for every existing model over the sphere would be slow.
             params.scalar = scalar_at(sphere, &params);
         }
         match &self.params.mask {
@@ -320,8 +320,8 @@ impl<'a> Work<'a> {
         let row = &self.cohort.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                // Record the requested weights, without the zeros at missing values: those depend on the row's data and
-                // aren't a setting.
+                // Record the requested weights, without the zeros at missing values: these zeros depend on the row's
+                // data and aren't a setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
@@ -387,8 +387,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Returns a copy of `sphere` under the path that this row gives for its sphere: rows whose files have the same
-/// contents share one sphere. Returns `None` if `sphere` already has this path, or the row names no sphere.
+/// Returns a copy of `sphere` with the path that the row gives for its sphere, since rows whose spheres have equal
+/// contents share one sphere. Returns `None` if `sphere` already has this path, or if the row has no sphere.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })

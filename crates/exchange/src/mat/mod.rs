@@ -36,7 +36,8 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw>
     Ok((coefficients, sphere))
 }
 
-/// Returns the error of a file without `fvec`: SPHARM-MAT also saves surfaces alone, with or without their sphere.
+/// Returns the error for a file without `fvec`. SPHARM-MAT also writes files that have only a surface, with or without
+/// its sphere.
 fn without_coefficients(bytes: &[u8], has_sphere: bool) -> Flaw {
     match read::matrices(bytes, ["vertices"]) {
         Ok([Some(_)]) if has_sphere => Flaw::Other {

@@ -26,7 +26,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Model, ModelError> {
     read(Path::new("a.npz"), Cursor::new(bytes))
 }
 
-/// Creates a `.npz` archive of arrays. Each is given as name, type, flag for Fortran order, shape and values.
+/// Creates a `.npz` archive of arrays. Each array is given as name, type, flag for Fortran order, shape and values.
 fn archive(method: CompressionMethod, arrays: &[(&str, &str, bool, &str, &[u8])]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, descr, fortran, shape, values) in arrays {
@@ -85,8 +85,8 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
-/// The record of a surface's cuts is optional, since models of old versions have none. Writing and reading preserve
-/// it, and reading rejects it if it contradicts the sphere.
+/// The record of a surface's cuts is optional, because models of old versions have no such record. Writing and reading
+/// preserve the record. Reading rejects a record that contradicts the sphere.
 #[test]
 fn where_a_surface_was_cut_returns_and_must_fit() {
     let mut cut = model();

@@ -22,7 +22,7 @@ pub(super) trait Batch {
     fn copy(&self, column: usize, rows: Range<usize>, out: StepBy<IterMut<'_, f64>>) -> Result<(), String>;
 }
 
-/// Iterator over the batches in the order of the file. An error is a description of what is wrong with the file.
+/// Iterator over the batches in the order of the file. An error is a description of the problem in the file.
 pub(super) type Rows = Box<dyn Iterator<Item = Result<Box<dyn Batch>, String>> + Send>;
 /// Function that starts reading the columns with the given indices, which must be in ascending order.
 pub(super) type Start = Box<dyn FnOnce(Vec<usize>) -> Result<Rows, String> + Send>;
@@ -45,8 +45,8 @@ pub(super) struct Batches {
 }
 
 impl Batches {
-    /// Creates a table of the rows `rows` of a file, and returns it with the number of these rows. The batches begin
-    /// `skip` rows before them.
+    /// Creates a table of the range `rows` of a file's rows. Returns the table and the number of rows in the range. The
+    /// batches begin `skip` rows before the range.
     pub(super) fn new(
         path: &Path,
         format: &'static str,

@@ -1,7 +1,7 @@
 //! Reads text tables with one row per line and fields separated by commas, tabs, semicolons or blanks. The first line
 //! contains the names of the columns, unless it consists of numbers. Lines that are empty or begin with `#` are
-//! skipped. Fields may be in quotation marks, which then may contain separators, but not line ends: a shard begins at
-//! any line.
+//! skipped. A field may be enclosed in quotation marks. It may then contain separators, but no line ends, because a
+//! shard may begin at any line.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -16,7 +16,7 @@ use crate::error::cut;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Number of bytes per read, which all threads then parse in parallel.
+/// Number of bytes per read. All threads parse the bytes of one read in parallel.
 const BLOCK: usize = 1 << 22;
 /// Smallest number of bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
@@ -133,8 +133,8 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
 }
 
 /// Reads the beginning of a table. Returns the names of the columns, the separator, and the number of bytes before the
-/// first row. The names are those of the header, or of a comment just before the first row, as `numpy.savetxt` writes a
-/// header, or else the columns' numbers from 0.
+/// first row. The names are taken from the header, or from a comment just before the first row, because `numpy.savetxt`
+/// writes a header as a comment. Without a header, the names are the columns' indices from 0.
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
     let mut comment = Vec::new();
@@ -179,7 +179,8 @@ fn too_long(path: &Path) -> MomentsError {
     MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found: "a longer line".to_owned() }
 }
 
-/// Refuses text in UTF-16, and lines that end with a carriage return alone. Both would be one long line.
+/// Returns an error for text in UTF-16 and for lines that end with a carriage return only. The reader would treat
+/// either text as one long line.
 fn check_encoding(path: &Path, line: &[u8]) -> Result<(), MomentsError> {
     let refuse = |expected: &str, found: &str| MomentsError::Malformed {
         path: path.to_owned(),
@@ -211,8 +212,8 @@ fn has_separator(line: &[u8], separator: u8) -> bool {
     Quoted { rest: Some(line), separator: Some(separator) }.nth(1).is_some()
 }
 
-/// An iterator over the fields of a line with quotation marks. A pair of quotation marks within a field in quotation
-/// marks, which stands for one of them, stays a pair.
+/// An iterator over the fields of a line with quotation marks. Within a quoted field, two consecutive quotation marks
+/// represent one quotation mark, but this iterator returns both.
 struct Quoted<'a> {
     rest: Option<&'a [u8]>,
     separator: Option<u8>,
@@ -224,7 +225,7 @@ impl<'a> Iterator for Quoted<'a> {
     fn next(&mut self) -> Option<&'a [u8]> {
         let separates = |byte: u8| self.separator.map_or(byte.is_ascii_whitespace(), |separator| byte == separator);
         let line = self.rest?;
-        // Tabs that separate fields are blanks, too.
+        // A tab is whitespace, but must not be skipped here if it is the separator.
         let blank = |byte: &u8| byte.is_ascii_whitespace() && self.separator != Some(*byte);
         let start = line.iter().position(|byte| !blank(byte)).unwrap_or(line.len());
         let line = &line[start..];

@@ -1,4 +1,5 @@
-//! Lists the blocks of an Arrow file, and checks the sizes declared there before the crate `arrow-ipc` relies on them.
+//! Lists the blocks of an Arrow file, and checks the sizes declared in the file before the crate `arrow-ipc` relies on
+//! these sizes.
 //!
 //! The footer lists the file's blocks with their lengths. Each buffer of a compressed block begins with its
 //! uncompressed size, and `arrow-ipc` allocates that many bytes. Source: Arrow columnar format, "IPC file format" and
@@ -18,7 +19,7 @@ use spharm_surface::io::{check_room, most_expanded};
 const TAIL: usize = 10;
 /// Marker before the length of a message's metadata; files in an older version of the format lack it.
 const MARK: [u8; 4] = [0xff; 4];
-/// Bytes that a buffer may have in addition to one number of 64 bits per row, because Arrow pads buffers.
+/// A buffer may have this many bytes more than 8 per row, because Arrow pads buffers.
 const PADDING: u64 = 64;
 /// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
 /// run of 255 bytes in one byte.
@@ -98,7 +99,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, Strin
     let batch = message.header_as_record_batch().ok_or("a block without rows")?;
     let compressed = batch.compression().is_some();
     let rows = u64::try_from(batch.length()).map_err(|_| "a block with a negative number of rows")?;
-    // The block is read whole, and its compressed buffers are expanded.
+    // Memory is needed for the bytes of the block, and for its compressed buffers after expansion.
     let mut all = place.end - place.start;
     for buffer in batch.buffers().into_iter().flatten() {
         let at = u64::try_from(buffer.offset()).ok().and_then(|offset| place.body.checked_add(offset));
@@ -114,8 +115,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, Strin
             continue;
         }
         let expanded = u64::try_from(expanded).map_err(|_| "a buffer with a negative number of bytes")?;
-        // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid. But a valid buffer has at
-        // most one number per row.
+        // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid if the buffer isn't too
+        // large for one number per row.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
             return Err(format!("a buffer that expands from {length} to {expanded} bytes, too many for {rows} rows"));

@@ -19,7 +19,7 @@ const BUFFER: usize = 1 << 18;
 
 /// Largest accepted number of columns.
 const MOST_COLUMNS: usize = 1 << 16;
-/// Largest accepted number of bytes of a row, which is read as a whole.
+/// Largest accepted number of bytes per row. The buffer for decoding holds at least one complete row.
 const LONGEST_ROW: usize = 1 << 20;
 
 /// An array's header, interpreted as a table of samples.

@@ -14,7 +14,7 @@ use super::{csv, npy, npz, ply, signal};
 use crate::MomentsError;
 use crate::moments::Shard;
 
-/// Path that stands for standard input.
+/// Path that denotes standard input.
 pub(crate) const STDIN: &str = "-";
 /// Supported file-name extensions of tables.
 pub const ENDINGS: [&str; 10] =
@@ -65,8 +65,8 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens a table over a sampling scheme. The whole table is opened, even if only a shard is used: shards of text tables
-/// are byte ranges, but matching rows to directions requires row numbers. Per-vertex files are also accepted.
+/// Opens a table over a sampling scheme. The entire table is opened, even if only a shard is used. Shards of text
+/// tables are byte ranges, but row numbers are needed to assign directions to rows. Per-vertex files are also accepted.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);

@@ -1,10 +1,10 @@
-//! Checks the sizes declared in the pages of a Parquet file, before the crate `parquet` relies on them.
+//! Checks the sizes declared in the pages of a Parquet file before the crate `parquet` relies on these sizes.
 //!
 //! A Parquet file stores each column of a row group as a sequence of pages. A page is a header with the compressed and
-//! uncompressed sizes, followed by the compressed bytes. `parquet` allocates both declared sizes, up to 2 GiB each, and
-//! a dictionary's declared number of values; it panics if a page refers to a dictionary that is missing.
-//! Source: Apache Parquet format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact
-//! protocol encoding".
+//! uncompressed sizes, followed by the compressed bytes. `parquet` allocates memory for both declared sizes, up to 2
+//! GiB each, and for a dictionary's declared number of values. The crate panics if a page refers to a dictionary that
+//! is missing. Source: Apache Parquet format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift,
+//! "Thrift Compact protocol encoding".
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -22,8 +22,8 @@ const DEPTH: usize = 8;
 const HEADER: u64 = 16 << 20;
 
 /// Checks that the pages of the given columns lie within the file, in all row groups, and that the free memory suffices
-/// for the uncompressed pages. The memory has to hold one page per column: the pages of a column are read one after
-/// another, but all columns at the same time.
+/// for the uncompressed pages. The memory has to hold one page per column, because all columns are read at the same
+/// time, each column page by page.
 ///
 /// # Errors
 ///
@@ -62,14 +62,15 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
         let expanded = u64::try_from(page.expanded).map_err(|_| "a page with a negative number of bytes")?;
         at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
-        // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But a valid page has at most
-        // one value per row.
+        // A page of equal numbers compresses to almost nothing, so a high ratio is an error only if the page is too
+        // large for one value per row.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
             return Err(format!("a page that expands from {compressed} to {expanded} bytes, too many for {rows} rows"));
         }
         let both = compressed + expanded;
         if page.kind == DICTIONARY {
-            // The dictionary may contain text or numbers. Each value takes at least one byte.
+            // A value of the dictionary, text or a number, takes at least one byte, so there can't be more values than
+            // bytes.
             let values = u64::try_from(page.values).ok().filter(|&values| values <= expanded);
             let values =
                 values.ok_or_else(|| format!("a dictionary of {} values in only {expanded} bytes", page.values))?;
@@ -120,7 +121,8 @@ impl<R: Read> Compact<R> {
                 1 => &mut page.kind,
                 2 => &mut page.expanded,
                 3 => &mut page.compressed,
-                // The headers of data pages, dictionaries, and data pages of version 2.
+                // Fields 5, 7 and 8 of a page header contain the headers of data pages, of dictionaries, and of data
+                // pages of version 2.
                 5 | 7 | 8 if kind == STRUCT => {
                     (page.values, page.encoding) = self.values(if field == 8 { 4 } else { 2 })?;
                     continue;

@@ -132,8 +132,8 @@ fn unusable(schema: &SchemaDescriptor, leaf: usize) -> String {
     format!("a column of type {}: {}", kind(schema, leaf), schema.get_column_root(leaf).name())
 }
 
-/// Returns whether a column stores numbers. Dates, times and decimals don't count as numbers, even if they are stored
-/// as integers.
+/// Returns whether a column stores numbers. Dates, times and decimals are not treated as numbers, even if they are
+/// stored as integers.
 fn is_number(column: &ColumnDescriptor) -> bool {
     match column.physical_type() {
         Type::FLOAT | Type::DOUBLE => true,
@@ -148,7 +148,7 @@ enum Sign {
     Unsigned,
 }
 
-/// Returns whether the integers in a column are signed; `None` if they stand for something other than numbers. The type
+/// Returns whether the integers in a column are signed; `None` if they represent something other than numbers. The type
 /// is stated as a logical type or, in older files, as a converted type.
 fn sign(column: &ColumnDescriptor) -> Option<Sign> {
     use ConvertedType::{INT_8, INT_16, INT_32, INT_64, NONE, UINT_8, UINT_16, UINT_32, UINT_64};
@@ -162,7 +162,7 @@ fn sign(column: &ColumnDescriptor) -> Option<Sign> {
     }
 }
 
-/// Names the type of a column as the format's specification does, such as `BYTE_ARRAY (String)`.
+/// Returns the name of a column's type as in the format's specification, such as `BYTE_ARRAY (String)`.
 fn kind(schema: &SchemaDescriptor, leaf: usize) -> String {
     let column = schema.column(leaf);
     if !schema.get_column_root(leaf).is_primitive() {

@@ -187,7 +187,8 @@ fn decode<'a>(bytes: &[u8], row: usize, field: Field, out: impl Iterator<Item = 
     }
 }
 
-/// Returns the value of a number of 16 bits: a sign, 5 bits of exponent and 10 bits of fraction (IEEE 754, binary16).
+/// Converts a 16-bit floating-point number to f64. Such a number consists of a sign, 5 bits of exponent and 10 bits of
+/// fraction (IEEE 754, binary16).
 fn half(bits: u16) -> f64 {
     let fraction = f64::from(bits & 0x3ff);
     let size = match (bits >> 10) & 0x1f {

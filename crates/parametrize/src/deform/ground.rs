@@ -39,7 +39,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Returns, for each of the given directions, the point of the surface that the map sends there.
+    /// Returns, for each of the given directions, the point of the surface that the map sends to this direction.
     pub(super) fn points(&self, directions: &[Vec3], monitor: &dyn Monitor) -> Result<Vec<Vec3>, ParametrizeError> {
         let mut points = Vec::with_capacity(directions.len());
         for chunk in directions.chunks(CHUNK) {
@@ -57,9 +57,9 @@ impl<'a> Ground<'a> {
         Some(corners.fold([0.0; 3], |at, (v, w)| add(at, scale(self.surface.vertices[v as usize], w))))
     }
 
-    /// Measures the path on the surface whose image is the arc between two directions, in `pieces` pieces. Returns the
-    /// path's length times its initial direction. `ends` are the two directions, and `from` and `to` are the
-    /// corresponding points of the surface.
+    /// Measures the path on the surface whose image is the arc between two directions. The path is approximated by
+    /// `pieces` straight pieces. Returns the path's length times its initial direction. `ends` are the two directions,
+    /// and `from` and `to` are the corresponding points of the surface.
     pub(super) fn path(&self, ends: [Vec3; 2], [from, to]: [Vec3; 2], pieces: u32) -> Vec3 {
         let (mut last, mut length, mut first) = (from, 0.0, None);
         for k in 1..=pieces {

@@ -1,13 +1,14 @@
 //! Computes the initial map: colatitude and azimuth of each vertex, harmonic on the graph of the edges.
 //!
 //! Two distant vertices become the poles. The colatitude theta is 0 at the north pole and pi at the south pole. At
-//! every other vertex it is the mean of the neighbours' colatitudes. The azimuth phi at a vertex other than the poles
-//! is the mean of its neighbours' azimuths. The date line is a path from pole to pole, across which phi jumps by 2 pi:
-//! 2 pi is added to or subtracted from the azimuth of a neighbour across the line. Theta and phi are solutions of
+//! every other vertex theta is the mean of the neighbours' colatitudes. The azimuth phi at a vertex other than the
+//! poles is the mean of its neighbours' azimuths. The date line is a path from pole to pole, across which phi jumps by
+//! 2 pi: 2 pi is added to or subtracted from the azimuth of a neighbour across the line. Theta and phi are solutions of
 //! sparse positive definite systems with an unknown for each vertex.
 //!
 //! Then an increasing function is applied to theta so that the share of vertices in each zone equals the zone's share
-//! of the sphere's area. Without it vertices would crowd around the equator, since each pole is a single vertex.
+//! of the sphere's area. Without this function, vertices would crowd around the equator, since each pole is a single
+//! vertex.
 
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
@@ -55,8 +56,8 @@ impl Rings {
             loop {
                 let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
                 neighbours.push(quad[(k + 1) % 4]);
-                // Continues across the edge that ends at the vertex, which lies to the left of the edge that starts at
-                // the vertex.
+                // Continues across the quadrangle's edge that ends at the vertex. This edge lies to the left of the
+                // edge that starts at the vertex.
                 corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
                 if corner == start {
                     break;
@@ -75,7 +76,7 @@ impl Rings {
         &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
     }
 
-    /// Returns the vertex that is the largest number of edges away from `from`; the first one in case of ties.
+    /// Returns the vertex that is the largest number of edges away from `from`; in case of ties, the first such vertex.
     fn furthest(&self, from: usize) -> usize {
         let mut distance = vec![usize::MAX; self.len()];
         distance[from] = 0;
@@ -143,9 +144,9 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     solve(&matrix, right)
 }
 
-/// Returns a path from the north pole to the south pole that always continues to the neighbour of largest theta. It
-/// reaches the south pole, since a harmonic theta has no other maximum. Each vertex of the path is adjacent to no other
-/// vertices of the path than the previous and the next one.
+/// Returns a path from the north pole to the south pole that always continues to the neighbour of largest theta. The
+/// path reaches the south pole, since a harmonic theta has no other maximum. Among the vertices of the path, each
+/// vertex is adjacent only to the previous and the next vertex.
 fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
     let mut line = vec![north];
     let mut at = north;

@@ -5,14 +5,14 @@
 //!
 //! - `initial`: colatitude and azimuth, harmonic on the graph of the edges, from two sparse linear systems (section 3.1
 //!   of the paper);
-//! - `optimise`: shortest edges, which is equivalent to quadrangles as square as possible, under constraints on areas
-//!   and angles (section 3.2 of the paper).
+//! - `optimise`: edges as short as possible, and therefore quadrangles as square as possible, under constraints on
+//!   areas and angles (section 3.2 of the paper).
 //!
-//! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
-//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). If the label's surface is
-//! smooth, these are the shares and sides of the smooth quadrangles. Where a label is only one voxel thick, some smooth
-//! quadrangles are so narrow that the optimisation finds no one-to-one map; then the shares and sides of the voxels'
-//! faces are used.
+//! If voxels aren't cubes, this method goes beyond the paper. Each quadrangle's share of the sphere is then its share
+//! of the surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). If the label's surface
+//! was smoothed, the shares and side lengths of the smooth quadrangles are used. Where a label is only one voxel thick,
+//! some smooth quadrangles are so narrow that the optimisation finds no one-to-one map. In this case the shares and
+//! side lengths of the voxels' faces are used.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.
@@ -96,8 +96,8 @@ fn mapped(
 }
 
 /// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area.
-/// For a smooth surface, the deviations from the shares of the smooth quadrangles and from the shares of the voxels'
-/// faces are computed, and the smaller one is returned, since the map was optimised for one of the two.
+/// For a smooth surface, the deviation from the shares of the smooth quadrangles and the deviation from the shares of
+/// the voxels' faces are computed. The smaller deviation is returned, since the map was optimised for one of the two.
 ///
 /// # Panics
 ///
@@ -118,7 +118,8 @@ fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {
 }
 
 /// Returns whether to cut a quadrangle along the diagonal from corner 1 to 3 rather than from 0 to 2. The diagonal that
-/// leaves both triangles positively oriented is preferred; if both diagonals or neither do, the shorter one.
+/// leaves both triangles positively oriented is preferred. If both diagonals or neither of them do so, the shorter
+/// diagonal is chosen.
 fn cut_from_second(positions: &[Vec3], quad: &[u32; 4]) -> bool {
     let [a, b, c, d] = quad.map(|v| positions[v as usize]);
     let good = |triangles: [[Vec3; 3]; 2]| triangles.into_iter().all(|t| orientation(t) > 0.0);

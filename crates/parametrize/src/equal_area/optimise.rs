@@ -5,21 +5,23 @@
 //! >             s >= S0 in each corner,
 //!
 //! where A_q is a quadrangle's solid angle, a_q its target area and w_ij the weights (`targets.rs`). For cubic voxels
-//! a_q = 4 pi / Q and w_ij = 1. s belongs to a corner of a quadrangle: it is the determinant of the corner and its two
+//! a_q = 4 pi / Q and w_ij = 1. Each corner of a quadrangle has a value s: the determinant of the corner and its two
 //! neighbours in the quadrangle, divided by a_q. s is 1 in a rectangle, and 0 if the angle at the corner is pi. Among
 //! quadrangles of equal area the square has the shortest edges, so short edges mean little distortion of lengths and
 //! angles. (Brechbuehler et al. maximise the sum of the cosines of the edges, which is equivalent.)
 //!
 //! # Method
 //!
-//! An augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3). Each round minimises
+//! The method is an augmented Lagrangian (Nocedal and Wright, Numerical Optimization, 2006, section 17.3). Each round
+//! minimises
 //!
 //! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! with c_q = A_q / a_q - 1 and a the mean area, then sets m_q += rho c_q, and doubles rho if the largest |c_q| hasn't
-//! halved. A round takes up to five Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a
-//! sparse positive definite system with 2 unknowns per vertex and a pattern that is analysed once (Cholesky). It is
-//! taken only if L decreases. The penalty on angles is finite, so a map with folds has a finite L and can unfold.
+//! Here c_q = A_q / a_q - 1, and a is the mean area. After the minimisation, m_q is increased by rho c_q, and rho is
+//! doubled if the largest |c_q| hasn't halved. A round takes up to five Gauss-Newton steps with Levenberg's damping in
+//! the tangent planes. A step solves a sparse positive definite system with 2 unknowns per vertex and a pattern that is
+//! analysed once (Cholesky). A step is taken only if L decreases. The penalty on angles is finite, so a map with folds
+//! has a finite L and can unfold.
 //!
 //! # Cost
 //!
@@ -35,7 +37,7 @@ use crate::background::abandonable;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
 
-/// Smallest value of s, the scaled determinant at a corner, that isn't penalised.
+/// A corner is penalised if its scaled determinant s is below this value.
 const S0: f64 = 0.2;
 /// The weight kappa of the penalty on angles: the initial value, and the maximum, reached only if folds persist.
 const KAPPA: (f64, f64) = (20.0, 1e4);
@@ -43,16 +45,17 @@ const KAPPA: (f64, f64) = (20.0, 1e4);
 const RHO: (f64, f64) = (1.0, 1e3);
 /// Largest number of Gauss-Newton steps per round.
 const STEPS: usize = 5;
-/// Number of vertices from which the factorisation runs on its own thread, so that it can be interrupted.
+/// From this number of vertices on, the factorisation runs on its own thread, so that it can be interrupted.
 const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// Largest relative deviation of a quadrangle's area from its target that is accepted as converged. Default 1e-3.
+    /// The optimisation hasn't converged while the area of a quadrangle differs from its target by more than this
+    /// fraction. Default 1e-3.
     pub tolerance: f64,
-    /// Largest relative change of the sum of squared edge lengths in a round that is accepted as converged. Default
-    /// 1e-3.
+    /// The optimisation hasn't converged while a round changes the sum of squared edge lengths by more than this
+    /// fraction. Default 1e-3.
     pub change: f64,
     /// Largest number of rounds, of up to five steps each. Default 100.
     pub rounds: usize,
@@ -188,7 +191,7 @@ impl<'a> Lagrangian<'a> {
             let edges = self.length(q, p);
             let short = |k: usize| (S0 - self.sine(q, &p, k)).max(0.0);
             let angles: f64 = (0..4).map(|k| short(k).powi(2)).sum();
-            // Every edge belongs to two quadrangles, so each contributes half of the edge's term.
+            // Every edge belongs to two quadrangles, so each quadrangle contributes half of the edge's term.
             edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
         };
         // The sum is taken in the order of the quadrangles, so that it doesn't depend on the number of threads.
@@ -231,8 +234,8 @@ impl<'a> Lagrangian<'a> {
         let tangent = |g: [Vec3; 4]| -> [f64; 8] { std::array::from_fn(|i| dot(bases[i / 2][i % 2], g[i / 2])) };
         let mut part = Part { gradient: [0.0; 8], matrix: [0.0; 36] };
 
-        // Adds this quadrangle's half of each edge's term. The gradient at corner k is ((w_k + w_{k-1}) p_k - w_k
-        // p_{k+1} - w_{k-1} p_{k-1}) / 2a.
+        // Adds half of each edge's term, because an edge belongs to two quadrangles. With edge weights w and mean area
+        // a, the gradient at corner k is ((w_k + w_{k-1}) p_k - w_k p_{k+1} - w_{k-1} p_{k-1}) / 2a.
         let weight = 1.0 / (2.0 * self.area);
         let sides = self.targets.weights[q];
         let both = |k: usize| sides[k] + sides[(k + 3) % 4];

@@ -18,7 +18,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edges of a closed, oriented surface.
 pub(super) struct Complex {
-    /// Positions of the vertices: the original ones, then the copies.
+    /// Positions of the vertices: the original vertices, then the copies.
     pub(super) positions: Vec<Vec3>,
     /// The original vertex of each vertex: for a copy the vertex that it was copied from, otherwise the vertex itself.
     pub(super) own: Vec<u32>,

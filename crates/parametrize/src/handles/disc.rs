@@ -1,19 +1,19 @@
 //! Triangulates a disc whose rim has a given number of vertices.
 //!
-//! The disc consists of rings around a centre; each ring has fewer vertices than the next ring outside. Triangles are
-//! nearly equilateral if the rim's edges have nearly equal lengths: m vertices on the rim give 0.18 m rings and 0.09
-//! m^2 vertices inside. All rings are regular polygons, so no triangle is flat, whatever the lengths of the seam's
-//! edges. Neighbouring rings are joined in the order of their angles. No edge inside the disc joins two vertices of the
-//! rim.
+//! The disc consists of rings around a centre; each ring has fewer vertices than the next larger ring. Triangles are
+//! nearly equilateral if the rim's edges have nearly equal lengths. A rim of m vertices gives 0.18 m rings and 0.09 m^2
+//! vertices inside. The rim and all rings are regular polygons in the plane, so no triangle of the disc is flat,
+//! however different the lengths of the surface's edges along the rim are. Neighbouring rings are joined in the order
+//! of their angles. No edge inside the disc joins two vertices of the rim.
 
 use std::f64::consts::{PI, TAU};
 
 /// A triangulation of the unit disc.
 pub(super) struct Disc {
-    /// Number of vertices on the rim. They are the first ones of `points`.
+    /// Number of vertices on the rim. These vertices are the first entries of `points`.
     pub(super) rim: usize,
-    /// Number of vertices of the ring next to the rim; 1 if there is only the centre. These vertices follow the rim's
-    /// vertices in `points`.
+    /// Number of vertices of the ring next to the rim; 1 if this ring is only the centre. These vertices follow the
+    /// rim's vertices in `points`.
     pub(super) ring: usize,
     /// Distance between consecutive rings; the rim has radius 1.
     pub(super) spacing: f64,
@@ -60,8 +60,8 @@ impl Disc {
     }
 }
 
-/// Adds the triangles between two rings, given by the ascending angles of their vertices from zero. The inner ring may
-/// be a single vertex.
+/// Adds the triangles between two rings. Each ring is given by the angles of its vertices, in ascending order from
+/// zero. The inner ring may be a single vertex.
 fn join(outer: &[f64], outer_start: usize, inner: &[f64], inner_start: usize, triangles: &mut Vec<[u32; 3]>) {
     let after = |ring: &[f64], i: usize| if i + 1 < ring.len() { ring[i + 1] } else { TAU };
     let vertex = |start: usize, ring: &[f64], i: usize| (start + i % ring.len()) as u32;

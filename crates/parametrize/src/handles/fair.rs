@@ -2,17 +2,18 @@
 //!
 //! Two surfaces x(u) over the unit disc u are computed. The rim of the disc is mapped to the seam.
 //!
-//! - *flat*: Laplace(x) = 0 with the seam as boundary values: a soap film, up to its parameterisation. It determines on
-//!   which side of the surface the film over the seam lies, and the speed s = |dx/dn| of x inwards from the rim.
+//! - *flat*: Laplace(x) = 0 with the seam as boundary values: a soap film, up to its parameterisation. The flat surface
+//!   determines on which side of the surface the film over the seam lies, and the speed s = |dx/dn| of x inwards from
+//!   the rim.
 //! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0. x and its first two derivatives are
 //!   prescribed along the rim, by two rings of points of the surface on the other side of the seam, at distances given
 //!   by s. The filling therefore continues the surface with its tangents and curvatures, and closes as a dome. For a
 //!   tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6 rho^2 + rho^4) / 8, with
 //!   rho = |u|.
 //!
-//! A kink at the seam would increase the error of a model of degree L far more than the dome's additional area does,
-//! since the error at a kink decreases only as 1/L. The dome of each side of the cut lies inside the tube of the other
-//! side, and the two domes meet only at the seam.
+//! The error of a model of degree L decreases only as 1/L at a kink. A kink at the seam would therefore increase the
+//! error far more than the dome's additional area does. The dome of each side of the cut lies inside the tube of the
+//! other side, and the two domes meet only at the seam.
 //!
 //! The discretisation uses the cotangents of the disc's own triangles, since the disc's triangles are well shaped,
 //! unlike the surface's (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998;
@@ -73,9 +74,9 @@ impl<'a> Fairing<'a> {
         rim.iter().copied().chain(inner).collect()
     }
 
-    /// Returns the positions of all of the disc's vertices on the smooth filling. `outside` has the two rings of
-    /// surface points that the filling continues, at the distances given by [`steps`](Self::steps), the ring nearer to
-    /// the rim first.
+    /// Returns the positions of all of the disc's vertices on the smooth filling. `outside` contains the two rings of
+    /// surface points that the filling continues, the ring nearer to the rim first. The distances of the rings from the
+    /// rim are given by [`steps`](Self::steps).
     pub(super) fn smooth(&self, flat: &[Vec3], outside: &[Vec3]) -> Vec<Vec3> {
         let (rim, all) = (self.disc.rim, self.disc.points.len());
         let known = |v: u32| {
@@ -129,7 +130,7 @@ fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, 
 }
 
 /// Returns, for each edge, half the sum of the cotangents of the angles opposite it, and for each vertex a third of the
-/// area of the triangles around it. Includes two rings outside the rim.
+/// area of the triangles around it. The two rings outside the rim are included.
 fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let (rim, all) = (disc.rim as u32, disc.points.len() as u32);
     let ring = |number: f64| {

@@ -8,8 +8,8 @@ use super::fair::Fairing;
 use super::report::Kind;
 use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 
-/// Number of sweeps that smooth the directions in which a filling continues the surface. They are needed because loops
-/// of edges zigzag.
+/// Number of sweeps that smooth the directions in which a filling continues the surface. Smoothing is needed because
+/// loops of edges zigzag.
 const SWEEPS: usize = 2;
 
 /// The rim of a cut or a hole: one loop. A cut has separate vertices for the two sides of the loop.
@@ -34,7 +34,7 @@ pub(super) struct Filling {
     pub(super) vertices: Vec<Vec3>,
     /// Triangles over the rim's vertices and the new vertices.
     pub(super) faces: Vec<[u32; 3]>,
-    /// The side of the surface on which the film over the loop lies, assuming that the triangles' normals point
+    /// The side of the surface on which a film spanned across the loop lies, assuming that the triangles' normals point
     /// outwards.
     pub(super) kind: Kind,
     /// Total area of the two fillings.
@@ -69,7 +69,7 @@ impl Rim<'_> {
     }
 
     /// Returns, at each vertex of the loop, the unit vector along which the surface continues from the right of the
-    /// loop to its left: perpendicular to the loop, in the tangent plane.
+    /// loop to its left. The vector is perpendicular to the loop and lies in the tangent plane.
     fn beyond(&self, inwards: &[Vec3]) -> Vec<Vec3> {
         let count = self.places.len();
         let around = |i: usize| ((i + count - 1) % count, (i + 1) % count);

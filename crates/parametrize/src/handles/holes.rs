@@ -1,4 +1,4 @@
-//! Fills holes of a mesh with surfaces of least bending, in the same way as the cuts of handles.
+//! Fills holes of a mesh with surfaces of least bending, like the surfaces that fill the cuts of handles.
 
 use std::collections::{HashMap, HashSet};
 
@@ -15,14 +15,14 @@ use crate::geometry::{Vec3, area};
 /// Largest number of edges of a hole that [`fill_holes`] fills. The filling of such a hole has 22,500 vertices.
 pub const LARGEST_HOLE: usize = 500;
 
-/// Largest area of a smooth filling, as a multiple of the area of the triangulated rim. A dome over a round hole has at
-/// most twice the rim's area. The smooth filling of a slit can be much larger, because it folds over the surface beside
-/// the slit or bridges the slit's bends.
+/// A hole is filled by the triangulation of its rim if the area of the smooth filling exceeds this multiple of the
+/// triangulation's area. A dome over a round hole has at most twice the rim's area. The smooth filling of a slit can be
+/// much larger, because it folds over the surface next to the slit or bridges the slit's bends.
 const LARGEST_DOME: f64 = 3.0;
 
-/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left, turns the mesh outwards if it is then
-/// closed and wound inwards, and adds the changes to the repair's report, `found`. Returns the [`rims`] of the larger
-/// holes, which stay open. The triangles around each vertex of the mesh must form a single fan.
+/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left. If the mesh is then closed and wound
+/// inwards, its triangles are reversed. The changes are added to `found`, the repair's report. Returns the [`rims`] of
+/// the larger holes, which stay open. The triangles around each vertex of the mesh must form a single fan.
 ///
 /// # Errors
 ///
@@ -64,8 +64,7 @@ pub fn fill_holes(
 }
 
 /// Triangulates a rim without new vertices; if the hole is a slit, the triangles form a strip. Edges of the mesh aren't
-/// used inside the rim, since more than two triangles would meet there. Returns `None` if there is no such
-/// triangulation.
+/// used inside the rim, since more than two triangles would meet there. Returns `None` if no such triangulation exists.
 fn strip(rim: &[u32], places: &[Vec3], faces: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
     let number: HashMap<u32, usize> = rim.iter().zip(0..).map(|(&v, i)| (v, i)).collect();
     let on_rim = |v: u32| number.get(&v).copied();
@@ -84,7 +83,8 @@ mod tests {
     use spharm_surface::repair::repair;
     use spharm_surface::topology::Topology;
 
-    /// The filling of a ball without a cap continues the ball: much nearer to it than a flat lid.
+    /// The filling of a ball without a cap continues the ball, so it is much nearer to the ball than a flat lid would
+    /// be.
     #[test]
     fn a_cap_of_a_ball_is_filled_round() {
         let mut open = icosphere(4);
@@ -102,8 +102,9 @@ mod tests {
         assert!((found.filled_area - 0.14).abs() < 0.02 && found.to_string().contains("1 hole filled (1"), "{found}");
     }
 
-    /// A smooth filling of a slit would fold over the surface beside it, or bridge the slit's bend; a strip has the
-    /// slit's area. One slit is straight, across a face of a cube; the other follows half of a ball's equator.
+    /// A smooth filling of a slit would fold over the surface next to the slit, or bridge the slit's bend. A slit is
+    /// therefore filled by a strip, which has the slit's area. One slit of this test is straight, across a face of a
+    /// cube; the other slit follows half of a ball's equator.
     #[test]
     fn slits_are_filled_by_strips() {
         let ball = icosphere(5);

@@ -3,8 +3,9 @@
 //! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA
 //! 2005. T is the tree of shortest paths from a base point. The weight of an edge e = ab outside T is the length of the
 //! shortest loop through the base point and e, d(a) + |e| + d(b). C is the maximum spanning tree of the dual graph
-//! among the edges outside T. On a surface of genus g, 2 g edges belong to neither T nor C. Their loops generate the
-//! homology, and are the shortest loops through the base point that generate it. O(n log n) time.
+//! among the edges outside T. On a surface of genus g, 2 g edges belong to neither T nor C. The loops of these edges
+//! generate the homology, and are the shortest loops through the base point that generate it. The algorithm takes O(n
+//! log n) time.
 //!
 //! A closed path that visits no vertex twice separates the surface if and only if it is homologous to zero (orientable
 //! surfaces, integer coefficients). To test this, each edge i in neither T nor C is assigned a number r_i, and each
@@ -12,8 +13,8 @@
 //! each face sum to zero. The numbers along a closed path of class (k_1, ..., k_2g) then sum to k_1 r_1 + ... + k_2g
 //! r_2g. The r_i are random 64-bit numbers and sums are modulo 2^64. A sum of zero therefore means class zero, except
 //! with a probability of about 2^-64, and a class takes 8 bytes per edge instead of 2 g numbers. A nonzero sum proves
-//! that the path doesn't separate the surface, so an unlucky choice never causes a wrong cut; it could only hide a
-//! loop.
+//! that the path doesn't separate the surface, so an unlucky choice of numbers never causes a wrong cut. It could only
+//! cause a loop to be missed.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -22,11 +23,13 @@ use spharm_surface::topology::UnionFind;
 
 use super::complex::{Complex, NONE};
 
-/// The numbers from which homology classes are computed, and the generators of the homology.
+/// The generators of a surface's homology, and the numbers of half-edges from which a path's homology class is
+/// computed.
 pub(super) struct Homology {
-    /// The number assigned to each half-edge; the sum along a path is the path's class. Twins have opposite numbers.
+    /// The number assigned to each half-edge; the sum along a path is the path's class. The two half-edges of an edge
+    /// have opposite numbers.
     class: Vec<u64>,
-    /// The generators: the 2 g edges in neither tree, each given by one of its half-edges.
+    /// The generators: the 2 g edges that belong to neither T nor C, each given by one of its half-edges.
     pub(super) generators: Vec<u32>,
 }
 
@@ -42,7 +45,8 @@ enum Place {
 }
 
 impl Homology {
-    /// Computes the generators of a connected complex from a base point, and the number of each half-edge.
+    /// Computes the generators of a connected complex, using loops through the vertex `base`, and the number of each
+    /// half-edge (see the field `class`).
     pub(super) fn of(complex: &Complex, base: u32) -> Self {
         let (distance, arriving) = shortest_paths(complex, base);
         let mut place = vec![Place::Generator; complex.half_edges() as usize];
@@ -55,7 +59,8 @@ impl Homology {
         }
         let through =
             |h: u32| distance[complex.from(h) as usize] + complex.length(h) + distance[complex.to(h) as usize];
-        // The bit patterns of nonnegative floats have the same order as the floats.
+        // Lengths are stored as bit patterns, because the bit patterns of nonnegative floats have the same order as the
+        // floats.
         let mut others: Vec<(u64, u32)> = (0..complex.half_edges())
             .filter(|&h| h < complex.twin(h))
             .filter(|&h| arriving[complex.to(h) as usize] != h && arriving[complex.from(h) as usize] != complex.twin(h))
@@ -77,7 +82,7 @@ impl Homology {
         Self { class, generators }
     }
 
-    /// Returns the number assigned to a half-edge; the sum along a path is the path's class.
+    /// Returns the number assigned to a half-edge. The sum of these numbers along a path is the path's homology class.
     pub(super) fn class(&self, h: u32) -> u64 {
         self.class[h as usize]
     }
@@ -107,8 +112,8 @@ fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     (distance, arriving)
 }
 
-/// Returns the numbers assigned to the half-edges: zero on the tree of paths, random on generators, and on the dual
-/// tree the numbers that make each face's sum zero.
+/// Returns the numbers assigned to the half-edges: zero on the tree of paths, and random numbers on generators. The
+/// numbers on the dual tree are chosen such that the numbers of each face sum to zero.
 fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     let mut class = vec![0_u64; place.len()];
     for (&h, i) in generators.iter().zip(1_u64..) {

@@ -1,12 +1,12 @@
 //! Cuts surfaces with handles along short loops and fills the cuts, so that the surfaces have genus zero.
 //!
-//! A surface of genus g > 0 has no one-to-one map to the sphere. If it is cut along g loops that together don't
-//! separate it, it becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The given
-//! vertices and triangles are kept, in their order. The given surface can therefore be recovered from a model of the
-//! cut surface: by dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
+//! A surface of genus g > 0 has no one-to-one map to the sphere. If such a surface is cut along g loops that together
+//! don't separate it, it becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The
+//! given vertices and triangles are kept, in their order. The given surface can therefore be recovered from a model of
+//! the cut surface: by dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
 //!
 //! - `rounds`, using `homology` and `search`: chooses the loops to cut. Each handle has loops around it and loops
-//!   through it; the shortest is cut.
+//!   through it; the shortest of these loops is cut.
 //! - `complex`: makes the cuts.
 //! - `disc`, `fair`, `filling`: make the fillings, which continue the surface smoothly across the seam.
 //! - `holes`, `strip`: fill holes of a mesh in the same way, and slits by strips of triangles.
@@ -95,7 +95,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // The topology is checked, because a model of a surface with a wrong topology would be wrong without any error.
+    // The topology is checked, because a surface with a wrong topology would give a wrong model without any error.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));
@@ -105,8 +105,8 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     Ok(CutSurface { surface: cut, seam: Some(seam), report })
 }
 
-/// Returns the lengths of short loops that don't separate the surface, as found by the first round of cuts: at most one
-/// for each handle.
+/// Returns the lengths of the loops found by the first round of cuts: short loops that don't separate the surface, at
+/// most one for each handle.
 pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
     let found = rounds::round(&Complex::new(surface), &Silent).unwrap_or_default();
     found.into_iter().take(genus).map(|found| found.length).collect()
@@ -138,7 +138,7 @@ fn fillings(
     filled.collect()
 }
 
-/// Returns the vertices on the right of a cut, in the loop's order. They may include copies made by later cuts.
+/// Returns the vertices on the right of a cut, in the loop's order. The vertices may include copies made by later cuts.
 fn right_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.right.iter().map(|&h| complex.from(h)).collect()
 }

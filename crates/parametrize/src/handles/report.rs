@@ -12,7 +12,7 @@ pub struct CutSurface {
     /// then the triangles of the fillings; on one side of each seam, the triangles of the given surface have copies as
     /// corners.
     pub surface: Mesh,
-    /// The relation to the given surface; `None` if the given surface had no handle.
+    /// Relation of the cut surface to the given surface; `None` if the given surface had no handle.
     pub seam: Option<Seam>,
     /// Report on the cuts.
     pub report: HandlesReport,
@@ -66,14 +66,15 @@ pub struct CutLoop {
 /// The kind of a cut: whether a film spanned across the loop lies inside or outside the surface (after T. K. Dey, F.
 /// Fan and Y. Wang, "An efficient computation of handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
-/// In the paper the kind is a property of the loop's homology class, computed from a graph. Here it is the side towards
-/// which the film leaves the surface, on average. The two agree if the film stays on one side of the surface.
+/// In the paper the kind is a property of the loop's homology class, computed from a graph. Here the kind is determined
+/// by the side towards which the film leaves the surface, on average. Both definitions agree if the film stays on one
+/// side of the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// The film is inside: the cut severs a handle.
+    /// A film across the loop is inside the body: the cut severs a handle.
     Handle,
-    /// The film is outside: the cut plugs a tunnel.
+    /// A film across the loop is outside of the body: the cut plugs a tunnel.
     Tunnel,
 }
 

@@ -1,20 +1,20 @@
 //! Chooses the loops to cut.
 //!
 //! Loops are cut in rounds until the genus is zero. A round computes the generators of the current complex and, near
-//! each of them, a loop that no shorter loop replaces (see `search`). The loops are considered in order of length, and
-//! a loop that meets an earlier one is dropped. Together, the remaining loops may still separate the surface, for
-//! instance if several run around the same handle. They form the edges of a graph whose nodes are the pieces into which
-//! they would cut the surface. A spanning tree of this graph, made of the longest loops, is left uncut, so that the
-//! surface stays connected. The shortest loop is always cut.
+//! each generator, a loop that can't be replaced by a shorter one (see `search`). The loops are considered in order of
+//! length, and a loop that meets an earlier one is dropped. Together, the remaining loops may still separate the
+//! surface, for instance if several run around the same handle. The remaining loops form the edges of a graph whose
+//! nodes are the pieces into which these loops would cut the surface. A spanning tree of this graph, made of the
+//! longest loops, is left uncut, so that the surface stays connected. The shortest loop is always cut.
 //!
 //! Guarantee: consider the loops along edges that pass through one of eight points of a cut loop and don't separate the
-//! surface of that round. None of them is shorter than the cut loop. In practice the shortest loop of all is found if
-//! one of the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and Har-Peled
-//! 2004), which takes n times as long.
+//! surface of that round. None of these loops is shorter than the cut loop. In practice the shortest of all loops is
+//! found if one of the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and
+//! Har-Peled 2004), which takes n times as long.
 //!
-//! Cost: a round takes O(n log n) for the generators. For each generator it searches the surface a few times, within
-//! half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case, if all loops
-//! meet, each round cuts one handle.
+//! Cost: a round takes O(n log n) for the generators. For each generator the round searches the surface a few times,
+//! within half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case, if all
+//! loops meet, each round cuts one handle.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -85,7 +85,7 @@ pub(super) fn cut_all(
     Ok(Some(cuts))
 }
 
-/// Returns the loops without those that share a vertex with an earlier loop that is kept.
+/// Drops each loop that shares a vertex with an earlier loop that was kept, and returns the kept loops.
 fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     let mut met = vec![false; complex.vertices()];
     loops.retain(|found| {

@@ -1,9 +1,9 @@
 //! Searches for the shortest loop that passes through a given vertex and doesn't separate the surface.
 //!
 //! The search runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its homology class consists of
-//! two shortest paths and an edge ab between their ends. Its length d(a) + |ab| + d(b) is at least twice the larger of
-//! d(a) and d(b). The search therefore ends when twice the distance reaches the length of the shortest loop found, and
-//! visits only the vertices within half that length.
+//! two shortest paths and an edge ab between their ends. The loop's length d(a) + |ab| + d(b) is at least twice the
+//! larger of d(a) and d(b). The search therefore ends when twice the distance reaches the length of the shortest loop
+//! found, and visits only the vertices within half that length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -38,7 +38,8 @@ impl Search {
     }
 
     /// Returns a loop near a vertex that doesn't separate the surface; `None` if no such loop passes through the
-    /// vertex. No shorter such loop passes through any of [`POINTS`] vertices spread evenly along the returned loop.
+    /// vertex. No shorter loop of this kind passes through any of [`POINTS`] vertices spread evenly along the returned
+    /// loop.
     pub(super) fn near(&mut self, complex: &Complex, homology: &Homology, vertex: u32) -> Option<Loop> {
         let mut found = self.through(complex, homology, vertex, f64::INFINITY)?;
         loop {
@@ -54,12 +55,12 @@ impl Search {
     }
 
     /// Returns the shortest loop through a vertex, among those that are shorter than `limit` and don't separate the
-    /// surface. If the two paths of the loop begin with the same edges, these are removed, which shortens the loop
-    /// further.
+    /// surface. If the two paths of the loop begin with the same edges, these edges are removed, which shortens the
+    /// loop further.
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
-        // The tolerance prevents the same loop from being found again because rounding makes its length smaller.
+        // The tolerance prevents the same loop from being found again with a length that is smaller only by rounding.
         let mut best = limit * (1.0 - 1e-12);
         let mut closing = NONE;
         while let Some(Reverse((bits, vertex))) = self.queue.pop() {

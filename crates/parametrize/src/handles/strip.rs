@@ -61,7 +61,8 @@ mod tests {
         triangles.iter().map(|triangle| area(triangle.map(|v| places[v]))).sum()
     }
 
-    /// A polygon with straight sides has n - 2 triangles, all with area, and its own area.
+    /// The triangulation of a polygon with straight sides has n - 2 triangles, none of them flat, and the polygon's
+    /// area.
     #[test]
     fn a_rectangle_with_points_on_its_sides_is_covered_once() {
         let mut places = Vec::new();
@@ -83,7 +84,7 @@ mod tests {
         assert!(triangles.iter().all(|triangle| area(triangle.map(|v| places[v])) > 0.4));
     }
 
-    /// A slit along half a circle gets a strip, where a flat disc would have the half circle's area.
+    /// A slit along half a circle is filled by a strip. A flat disc would have the area of half the circle.
     #[test]
     fn a_curved_slit_gets_a_strip() {
         let at = |i: u32, radius: f64| {
@@ -94,7 +95,7 @@ mod tests {
         let triangles = triangulated(&places, |_, _| false).unwrap();
         let strip = 0.5 * std::f64::consts::PI * (1.0 - 0.99_f64.powi(2));
         assert!((total(&places, &triangles) / strip - 1.0).abs() < 0.01);
-        // The shortest edge across isn't used if it is taken.
+        // An edge that already exists isn't used, even if it is the shortest edge across the slit.
         let avoided = triangulated(&places, |i, j| (i, j) == (20, 61)).unwrap();
         let has_edge = |triangles: &[[usize; 3]]| triangles.iter().any(|t| t.contains(&20) && t.contains(&61));
         assert!(has_edge(&triangles) && !has_edge(&avoided));

@@ -45,7 +45,7 @@ fn frames_span_the_tangent_plane() {
 #[test]
 fn values_are_those_of_singular_values_and_solid_angle() {
     let (shape, p) = pair(1e-4);
-    // q and r of the flat triangles, computed from the lengths of the edges only.
+    // r is computed from the solid angle, and q from the lengths of the edges and the cotangents.
     let r = solid_angle(p) / shape.area;
     let lengths = [sub(p[2], p[1]), sub(p[0], p[2]), sub(p[1], p[0])].map(|e| dot(e, e));
     let q: f64 = lengths.iter().zip(shape.cotangents).map(|(l, c)| l * c / (4.0 * shape.area)).sum();

@@ -2,18 +2,18 @@
 
 use crate::error::ParametrizeError;
 
-/// The order of the axes of an array's file. Other formats have a fixed order.
+/// The order of the axes of a NumPy array in a file. Other formats have a fixed order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AxisOrder {
-    /// The first axis is x, the last one z.
+    /// The first axis is x, the last axis z.
     #[default]
     Xyz,
-    /// The first axis is z, the last one x, as in images of scikit-image, tifffile and napari.
+    /// The first axis is z, the last axis x, as in images of scikit-image, tifffile and napari.
     Zyx,
 }
 
 impl AxisOrder {
-    /// Returns the order with a name, as used in arguments and provenance.
+    /// Returns the order that a name, as used in arguments and provenance, denotes.
     ///
     /// # Errors
     ///

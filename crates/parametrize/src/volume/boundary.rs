@@ -1,10 +1,10 @@
 //! Builds the closed surface of quadrangles between the voxels inside and outside a mask.
 //!
 //! Each face between a voxel inside and a voxel outside is a quadrangle, wound outwards. If two diagonal voxels touch
-//! in an edge, four quadrangles meet there. The two quadrangles of the same voxel are then treated as neighbours, so
-//! that the surface passes between the voxels. A vertex belongs to one fan of neighbouring quadrangles around a corner
-//! of the lattice; a corner at which two parts of the surface touch gives two vertices. Every edge therefore has
-//! exactly two quadrangles, and every vertex one fan.
+//! in an edge, four quadrangles meet at this edge. The two quadrangles of the same voxel are then treated as
+//! neighbours, so that the surface passes between the voxels. A vertex belongs to one fan of neighbouring quadrangles
+//! around a corner of the lattice. A lattice corner at which two parts of the surface touch gives two vertices. Every
+//! edge therefore has exactly two quadrangles, and every vertex one fan.
 
 use spharm_surface::Mesh;
 use spharm_surface::geometry::{Vec3, cross, sub};
@@ -19,7 +19,8 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// Positions of the vertices on the smooth surface, if there is one; [`triangles`](Self::triangles) uses them.
+    /// Positions of the vertices on the smooth surface; `None` without a smooth surface. [`triangles`](Self::triangles)
+    /// uses them.
     pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
@@ -60,7 +61,7 @@ impl QuadMesh {
         Self { vertices: places.into_iter().map(place).collect(), quads, smooth: None, twins }
     }
 
-    /// Returns the surface with its vertices in mm. Its quadrangles are again counter-clockwise seen from outside.
+    /// Returns the surface with its vertices in mm. The quadrangles are again counter-clockwise seen from outside.
     #[must_use]
     pub fn to_world(&self, affine: &Affine) -> Self {
         let placed = |positions: &Vec<[f64; 3]>| positions.iter().map(|&v| affine.apply(v)).collect::<Vec<_>>();
@@ -123,8 +124,8 @@ impl QuadMesh {
         count
     }
 
-    /// Returns the number of edges that have the same two vertices as another edge, not counting the first of each
-    /// group. The surface is closed, but as a mesh of triangles it would have edges of four triangles there.
+    /// Returns the number of edges whose two vertices are already the vertices of an earlier edge. The surface is
+    /// closed, but a mesh of triangles can't distinguish the two edges, so this edge would belong to four triangles.
     #[must_use]
     pub fn pinched_edges(&self) -> usize {
         let mut ends: Vec<[u32; 2]> = self.edges().collect();
@@ -142,8 +143,9 @@ impl QuadMesh {
         })
     }
 
-    /// Returns a mesh of triangles, smooth if the surface is. Each quadrangle is cut from corner 0 to 2, or from corner
-    /// 1 to 3 if `from_second` is true for its index. The volume of a smooth surface doesn't depend on the cuts.
+    /// Returns a mesh of triangles. The mesh is smooth if the surface is smooth. Each quadrangle is cut from corner 0
+    /// to 2, or from corner 1 to 3 if `from_second` is true for its index. The volume of a smooth surface doesn't
+    /// depend on the cuts.
     #[must_use]
     pub fn triangles(&self, from_second: impl Fn(usize) -> bool) -> Mesh {
         match &self.smooth {
@@ -161,8 +163,8 @@ impl QuadMesh {
     }
 }
 
-/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. Of a voxel's lattice corners,
-/// the one with the smallest coordinates has the voxel's own coordinates.
+/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. Among a voxel's corners, the
+/// corner with the smallest coordinates has the voxel's own coordinates.
 fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     let (axis, high) = (face / 2, face.is_multiple_of(2));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -207,7 +209,8 @@ fn vertices(corners: &[[[i32; 3]; 4]], twins: &[u32]) -> (Vec<u32>, Vec<[i32; 3]
         }
         let vertex = places.len() as u32;
         places.push(corners[start / 4][start % 4]);
-        // Visits the quadrangles around the vertex, each across the edge that ends at the vertex.
+        // Visits the quadrangles around the vertex. The next quadrangle is the one across the edge that ends at the
+        // vertex.
         let mut corner = start;
         while of[corner] == u32::MAX {
             of[corner] = vertex;

@@ -12,7 +12,7 @@ const NAMED: usize = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum VolumeDoubt {
-    /// The caller's voxel size contradicts the file's.
+    /// The caller's voxel size contradicts the voxel size in the file.
     Replaced {
         /// The caller's voxel size.
         given: [f64; 3],
@@ -28,7 +28,7 @@ pub enum VolumeDoubt {
     NoForm,
     /// The sform and the qform in a NIfTI header disagree, though they have the same code.
     Apart {
-        /// Largest distance between the positions of a voxel by the two forms, in mm.
+        /// Largest distance between a voxel's position by the sform and its position by the qform, in mm.
         distance: f64,
     },
     /// The unit of length in an NRRD header is unknown.
@@ -36,7 +36,7 @@ pub enum VolumeDoubt {
 }
 
 impl VolumeDoubt {
-    /// Returns a number for each kind of doubt.
+    /// Returns a number that identifies the kind of doubt.
     fn kind(&self) -> u8 {
         match self {
             Self::Replaced { .. } => 0,
@@ -47,7 +47,7 @@ impl VolumeDoubt {
         }
     }
 
-    /// Returns the severity of a doubt among the doubts of its kind.
+    /// Returns the severity of a doubt, for comparison with other doubts of its kind.
     fn severity(&self) -> f64 {
         match self {
             Self::Replaced { given, file } => {
@@ -94,7 +94,7 @@ impl VolumeDoubt {
 pub struct VolumeDoubts(BTreeMap<u8, (VolumeDoubt, BTreeSet<PathBuf>)>);
 
 impl VolumeDoubts {
-    /// Adds the doubts about the volume at `path`. A volume counts once, however often it is added.
+    /// Adds the doubts about the volume at `path`. A volume that is added several times is counted once.
     pub fn add(&mut self, path: &Path, doubts: &[VolumeDoubt]) {
         for &doubt in doubts {
             let (worst, paths) = self.0.entry(doubt.kind()).or_insert_with(|| (doubt, BTreeSet::new()));
@@ -105,7 +105,7 @@ impl VolumeDoubts {
         }
     }
 
-    /// Returns a warning for each kind of doubt, which names the first few volumes.
+    /// Returns a warning for each kind of doubt. A warning contains the names of the first few volumes.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         self.0.values().map(|(worst, paths)| warning(worst, paths)).collect()

@@ -4,11 +4,12 @@
 //!
 //! - Between the centres of a voxel inside and a neighbour outside, the surface is where linear interpolation of the
 //!   two values gives the level.
-//! - The body's volume is the number of its voxels, corrected by these crossings: the total length inside the body of
-//!   all lines through voxel centres along an axis, averaged over the three axes (Cavalieri's principle). For
-//!   probabilities it is the sum of the probabilities near the surface plus the number of voxels farther inside. If a
-//!   voxel's value is its share inside the body, this sum is exact, while interpolation underestimates small bodies:
-//!   the level set of an image of resolution sigma lies `sigma^2 / r` inside a ball of radius r.
+//! - The body's volume is the number of its voxels, corrected by these crossings. It equals the total length inside the
+//!   body of all lines through voxel centres along an axis, averaged over the three axes (Cavalieri's principle). For
+//!   probabilities the volume is the sum of the probabilities near the surface plus the number of voxels farther
+//!   inside. If each voxel's value is the share of the voxel inside the body, this sum is exact. Interpolation
+//!   underestimates small bodies: in an image of resolution sigma, the level set of a ball of radius r lies inside the
+//!   ball, at a depth of `sigma^2 / r`.
 
 use std::fmt;
 
@@ -22,16 +23,16 @@ pub enum VoxelValues {
     /// Labels: whole numbers, 0 for the background.
     #[default]
     Labels,
-    /// Grey values. The body, label 1, consists of the voxels with this value or more. NaNs are outside.
+    /// Grey values. The body gets label 1 and consists of the voxels with this value or more. NaNs are outside.
     Level(f64),
-    /// Probabilities, or the share of each voxel inside the body, from 0 to 1. The body, label 1, consists of the
-    /// voxels with 0.5 or more. NaNs are outside.
+    /// Probabilities, or the share of each voxel inside the body, from 0 to 1. The body gets label 1 and consists of
+    /// the voxels with a value of 0.5 or more. NaNs are outside.
     Probability,
 }
 
 impl VoxelValues {
-    /// Returns the meaning given by arguments or provenance: grey values if there is a threshold, else probabilities
-    /// if `probability` is true, else labels.
+    /// Returns the meaning of a volume's values, given by arguments or provenance: grey values if a threshold is given,
+    /// otherwise probabilities if `probability` is true, otherwise labels.
     #[must_use]
     pub fn of(threshold: Option<f64>, probability: bool) -> Self {
         match threshold {
@@ -96,8 +97,8 @@ pub(crate) struct Located {
 
 impl Grey {
     /// Returns the values in the box from voxel `low` to voxel `high`, inclusive, enlarged by a margin of one voxel;
-    /// `None` if the volume has labels. `all` has each voxel's value minus the level, for a volume of size `whole`,
-    /// with x varying fastest.
+    /// `None` if the volume has labels. `all` contains each voxel's value minus the level, for a volume of size
+    /// `whole`, with x varying fastest.
     pub(super) fn around(
         all: &[f32],
         whole: [usize; 3],
@@ -142,8 +143,8 @@ impl Grey {
         Located { crossings, volume }
     }
 
-    /// Returns the distance outwards from a quadrangle to the crossing of the level, from -0.5 to 0.5 voxels; 0 where a
-    /// repair has moved the surface away from the level, and at the volume's border.
+    /// Returns the distance outwards from a quadrangle to the crossing of the level, from -0.5 to 0.5 voxels. The
+    /// distance is 0 where a repair has moved the surface away from the level, and at the volume's border.
     fn offset(&self, face: &Face) -> f64 {
         let voxel = |outwards: f64| {
             let centre = |k: usize| face.centre[k] + if k == face.axis { outwards * face.sign } else { 0.0 };
@@ -156,7 +157,7 @@ impl Grey {
 
     /// Returns the volume of a body of probabilities: the sum of the probabilities of all voxels with a neighbour on
     /// the other side, plus the number of the other voxels inside. Voxels that a repair has moved to the other side
-    /// count as 0 or 1.
+    /// contribute 0 if they are now outside, and 1 if inside.
     fn expected_volume(&self, mask: &Mask) -> f64 {
         let steps: Vec<isize> = around().map(|d| mask.step(d)).collect();
         // The box has a rim, so it contains all neighbours of the voxels inside the mask.

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use crate::error::ParametrizeError;
 
-/// The image to read from a file that has several.
+/// The image to read from a file that contains several images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImageChoice {
     /// Number of the channel, from 1. Default `None`: the only channel.
     pub channel: Option<usize>,
-    /// Number of the time, from 1. Default `None`: the only time.
+    /// Number of the time point, from 1. Default `None`: the only time point.
     pub time: Option<usize>,
 }
 
@@ -19,8 +19,8 @@ impl ImageChoice {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::SeveralImages`] if there are several channels or times and none is chosen, or if the
-    /// chosen one doesn't exist.
+    /// [`ParametrizeError::SeveralImages`] if there are several channels or times and none is chosen, or if the chosen
+    /// channel or time doesn't exist.
     pub(super) fn indices(self, path: &Path, channels: usize, times: usize) -> Result<[usize; 2], ParametrizeError> {
         let index = |chosen: Option<usize>, count: usize| match chosen {
             None if count == 1 => Some(0),

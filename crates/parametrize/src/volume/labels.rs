@@ -35,15 +35,15 @@ pub struct LabelVolume {
     pub(super) grey: Option<Grey>,
 }
 
-/// The path that a volume made in memory has in error messages.
+/// Text used in error messages instead of a path, for a volume made in memory.
 const IN_MEMORY: &str = "the volume";
 
-/// Relative difference from which two voxel sizes contradict each other.
+/// Two voxel sizes contradict each other if they differ by more than this fraction.
 const CONTRADICTION: f64 = 0.01;
-/// Ratio of a voxel's longest side to its shortest side from which the voxel size is probably wrong.
+/// A voxel size is probably wrong if the ratio of a voxel's longest side to its shortest side exceeds this number.
 const LARGEST_RATIO: f64 = 10.0;
-/// Ratio of a voxel's longest side to its shortest side above which a volume is refused, because no surface around its
-/// labels can be mapped to a sphere.
+/// A volume is refused if the ratio of a voxel's longest side to its shortest side exceeds this number, because no
+/// surface around its labels can be mapped to a sphere.
 const IMPOSSIBLE_RATIO: f64 = 1e6;
 
 /// Settings for reading a volume from a file.
@@ -54,7 +54,7 @@ pub struct VolumeReading {
     pub voxel_size: Option<[f64; 3]>,
     /// Meaning of the values. Default: labels.
     pub values: VoxelValues,
-    /// Channel and time to read from a file of several images. Default: the only ones.
+    /// Channel and time to read from a file of several images. Default: the only channel and the only time.
     pub image: ImageChoice,
     /// Order of the axes of a NumPy file. Default: x, y, z, the only order of other formats.
     pub axes: AxisOrder,
@@ -79,7 +79,8 @@ impl LabelVolume {
         Self::read_with(path, VolumeReading::default(), monitor)
     }
 
-    /// Reads a volume as [`read`](Self::read) does, or the body in a volume of grey values or probabilities as label 1.
+    /// Reads a volume like [`read`](Self::read), but with settings. The body in a volume of grey values or
+    /// probabilities becomes label 1.
     ///
     /// # Errors
     ///
@@ -176,9 +177,9 @@ impl LabelVolume {
         self.affine.voxel_size()
     }
 
-    /// Returns doubts about voxel size and positions: the caller's size contradicts the file's, the sides of a voxel
-    /// differ by a large factor, a NIfTI header states no positions or contradictory ones, or an NRRD header has an
-    /// unknown unit of length.
+    /// Returns doubts about voxel size and positions: the caller's voxel size contradicts the size in the file, the
+    /// sides of a voxel differ by a large factor, a NIfTI header states no positions or contradictory positions, or an
+    /// NRRD header has an unknown unit of length.
     #[must_use]
     pub fn doubts(&self) -> Vec<VolumeDoubt> {
         let size = self.voxel_size();
@@ -200,15 +201,15 @@ impl LabelVolume {
         self.extents.iter().map(|(&label, extent)| (i64::from(label), extent.voxels)).collect()
     }
 
-    /// Returns whether a label has voxels at the border of the volume. Such a label may be cut off by the border.
+    /// Returns whether a label has voxels at the border of the volume. A label at the border may be cut off.
     #[must_use]
     pub fn touches_border(&self, label: i64) -> bool {
         let extent = i32::try_from(label).ok().and_then(|label| self.extents.get(&label));
         extent.is_some_and(|extent| (0..3).any(|k| extent.low[k] == 0 || extent.high[k] + 1 == self.size[k]))
     }
 
-    /// Returns whether a label has voxels at the border of the volume. If `fixed` is set, only the piece that a repair
-    /// keeps counts, which is the largest one.
+    /// Returns whether a label has voxels at the border of the volume. If `fixed` is true, only the largest piece is
+    /// considered, because a repair drops all other pieces.
     ///
     /// # Errors
     ///

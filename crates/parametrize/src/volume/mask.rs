@@ -34,7 +34,7 @@ impl Mask {
         Self::of_box(low, high, inside)
     }
 
-    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim, with all voxels outside.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim. No voxel is marked as inside.
     pub(super) fn around(low: [usize; 3], high: [usize; 3]) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
         Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] }
@@ -65,7 +65,7 @@ impl Mask {
         [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
-    /// Returns whether the voxel with the given index belongs to the rim.
+    /// Returns whether the voxel with the given index is in the outermost layer of voxels.
     pub(super) fn is_rim(&self, index: usize) -> bool {
         let at = self.place(index);
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])

@@ -39,8 +39,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     }
     let dims = [4, 8, 12].map(int);
     // If two sizes are 1, the file has values on the vertices of a surface. In such a file, the third size can exceed
-    // what is valid for a volume, and there are often several frames, so it is recognised before sizes and frames are
-    // checked.
+    // the largest size of a volume, and there are often several frames. Such a file is therefore recognised before
+    // sizes and frames are checked.
     if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
         return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
     }

@@ -29,7 +29,7 @@
 //! | `pieces` | connected pieces, and the cavities inside |
 //! | `boundary` | the quadrangles between inside and outside, as a closed surface |
 //! | `surface` | a label's surface: checked, repaired on request |
-//! | `grey` | a body in grey values or probabilities, located by them within the voxels |
+//! | `grey` | a body in grey values or probabilities, whose surface is located within the voxels |
 //! | `relax` | a label's surface without the voxels' steps |
 //! | `simple` | tests whether a voxel may change sides without changing the topology |
 //! | `repair` | reduces any label to one piece without cavities, handles and bare contacts |
@@ -37,15 +37,17 @@
 //! # Connectivity
 //!
 //! Voxels inside are connected if they share a face (6-connectivity); voxels outside, if they share a face, an edge or
-//! a corner (26-connectivity). If two voxels inside touch only in an edge or a corner, the surface passes between them,
-//! and its vertices there are doubled. The boundary is then a closed surface that touches itself only at such edges and
-//! corners. A repaired label has no such contacts, and has the same topology in every connectivity, including (18, 6).
+//! a corner (26-connectivity). If two voxels inside touch only in an edge or a corner, the surface passes between the
+//! voxels, and its vertices at this edge or corner are doubled. The boundary is then a closed surface that touches
+//! itself only at such edges and corners. A repaired label has no such contacts, and has the same topology in every
+//! connectivity, including (18, 6).
 //!
 //! # Units
 //!
 //! Voxels are counted from 0; voxel (i, j, k) is the unit cube centred at (i, j, k). The file's matrix maps voxel
-//! coordinates to RAS+ mm. For NIfTI it is the sform; without an sform, the qform; without either, the voxel sizes.
-//! Lengths of NIfTI and NRRD files in other units are converted to mm. Positions in TIFF stacks are in micrometres.
+//! coordinates to RAS+ mm. For NIfTI this matrix is the sform; without an sform, the qform; without either, a matrix of
+//! the voxel sizes. Lengths of NIfTI and NRRD files in other units are converted to mm. Positions in TIFF stacks are in
+//! micrometres.
 
 mod affine;
 mod axes;

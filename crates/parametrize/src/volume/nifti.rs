@@ -16,8 +16,8 @@ use crate::geometry::{Vec3, norm, sub};
 
 /// Number of bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
-/// Largest distance between positions by sform and qform, relative to the diagonal of the volume, that rounding
-/// explains. A quaternion of 32-bit numbers determines the angle of a half turn to 7e-4.
+/// If the positions given by sform and qform differ by at most this share of the volume's diagonal, the difference is
+/// attributed to rounding. A quaternion of 32-bit numbers determines the angle of a half turn to 7e-4.
 const ROUNDING: f64 = 1e-3;
 
 /// Parses a file, given as a stream of at most `most` bytes.
@@ -75,8 +75,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     Ok(Volume { size, affine, voxels, doubt })
 }
 
-/// Returns the number of images stored before the one to read. `dimensions` has the number of values along each axis:
-/// x, y, z, time, channel.
+/// Returns the number of images that are stored before the image to be read. `dimensions` has the number of values
+/// along each axis: x, y, z, time, channel.
 pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, ParametrizeError> {
     let count =
         |axis: usize| usize::try_from(dimensions.get(axis).copied().unwrap_or(1)).ok().filter(|count| *count > 0);
@@ -143,7 +143,8 @@ impl Forms {
     }
 
     /// Returns a doubt about the positions in a volume of `size` voxels, whose unit is `unit` mm: the header has
-    /// neither an sform nor a qform, or both of them for the same space and they disagree. `None` if there is no doubt.
+    /// neither an sform nor a qform, or its sform and qform are for the same space but disagree. `None` if there is no
+    /// doubt.
     pub(super) fn doubt(&self, size: [usize; 3], unit: f64) -> Option<VolumeDoubt> {
         let Some(rows) = self.sform else {
             return self.qform.is_none().then_some(VolumeDoubt::NoForm);
@@ -160,7 +161,7 @@ impl Forms {
         (apart > ROUNDING * diagonal).then_some(VolumeDoubt::Apart { distance: apart })
     }
 
-    /// Returns the matrix of the qform in the header's unit, if there is one.
+    /// Returns the matrix of the qform in the header's unit; `None` without a qform.
     fn of_qform(&self) -> Option<Affine> {
         let ([b, c, d], offset) = self.qform?;
         let sizes = self.sizes.map(f64::abs);

@@ -128,8 +128,8 @@ fn scalar(kind: &str) -> Option<Scalar> {
     })
 }
 
-/// Returns the numbers of mm in the units of the field `name`, one for each axis; without units, 1. An unknown unit is
-/// a doubt, unless the caller gave the voxel size.
+/// Returns for each axis the number of mm in its unit, from the field `name`; 1 if the field is missing. For an unknown
+/// unit, also returns a doubt to report, unless the caller gave the voxel size.
 fn units(source: &Source<'_>, header: &Header<'_>, name: &str) -> ([f64; 3], Option<VolumeDoubt>) {
     let Some(text) = header.get(name) else { return ([1.0; 3], None) };
     let unit = |unit: &str| match unit.trim() {
@@ -149,7 +149,7 @@ fn units(source: &Source<'_>, header: &Header<'_>, name: &str) -> ([f64; 3], Opt
 }
 
 /// Returns the matrix from voxel coordinates to RAS+ mm: from space directions and origin if present, otherwise from
-/// spacings. Also returns the doubt about their unit.
+/// spacings. Also returns the doubt about the unit of length, if any.
 fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<(Affine, Option<VolumeDoubt>), ParametrizeError> {
     let Some(directions) = header.get("spacedirections") else {
         let spacings: Option<Vec<f64>> =

@@ -17,7 +17,7 @@ const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr"
 /// Returns whether a path has the file name extension of a volume's format: NIfTI, FreeSurfer, NRRD, TIFF or NumPy.
 ///
 /// FreeSurfer also stores values on the vertices of a surface in `.mgh` and `.mgz` files. Only the sizes in the file
-/// distinguish them from volumes; [`LabelVolume::read`](super::LabelVolume::read) rejects such files.
+/// distinguish such values from volumes; [`LabelVolume::read`](super::LabelVolume::read) rejects such files.
 #[must_use]
 pub fn is_volume(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();

@@ -27,7 +27,7 @@ pub fn pieces(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted>
 pub(super) fn cavities(mask: &Mask, monitor: &dyn Monitor) -> Result<Pieces, Interrupted> {
     let neighbours: Vec<[isize; 3]> = around().filter(|d| *d != [0; 3]).collect();
     let mut found = fill(mask, false, &neighbours, monitor)?;
-    // The first voxel belongs to the rim, so its piece is the background outside.
+    // The first voxel is in the mask's rim of background voxels, so its piece is the background outside the label.
     let outside = found.of[0];
     for piece in &mut found.of {
         *piece = match (*piece).cmp(&outside) {

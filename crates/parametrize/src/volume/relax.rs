@@ -9,20 +9,21 @@
 //! Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson, "Constrained
 //! elastic surface nets", MICCAI 1998, uses the same boxes, but the Laplacian). The problem is solved by projected
 //! gradients with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume.
-//! It is restored: all vertices move along their normals, within the boxes, until the volume equals that of the voxels.
+//! The lost volume is restored: all vertices move along their normals, within the boxes, until the volume equals that
+//! of the voxels.
 //!
-//! If grey values locate the surface ([`grey`](super::grey)), the volume is the one given by the grey values, and the
-//! minimised function gains the term
+//! If grey values locate the surface ([`grey`](super::grey)), the volume is given by the grey values, and the minimised
+//! function gains the term
 //!
 //! ```text
 //! w |C x - b|^2   with   (C x)_q = mean of the four vertices of quadrangle q, along its normal axis
 //! ```
 //!
 //! where b_q is the position at which the values cross the level. Linear interpolation is off by up to a tenth of a
-//! voxel where the surface is oblique, so w is small. On balls and ellipsoids with radii of 3 to 10 voxels, with the
-//! exact share of each voxel as its value, prescribing the volume reduces the largest error of the area from 3.9 to
-//! 3.3 % (radius 3) and from 2.4 to 1.3 % (radius 5), and w = 0.1 reduces it further to 2.4 and 0.7 %; w = 1 gives
-//! 3.0 and 1.8 %.
+//! voxel where the surface is oblique, so w is small. The errors of the area were measured on balls and ellipsoids with
+//! radii of 3 to 10 voxels, with the exact share of each voxel as its value. Prescribing the volume reduces the largest
+//! error of the area from 3.9 to 3.3 % (radius 3) and from 2.4 to 1.3 % (radius 5). The weight w = 0.1 reduces this
+//! error further, to 2.4 % (radius 3) and 0.7 % (radius 5); w = 1 gives 3.0 % and 1.8 %.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
@@ -35,25 +36,24 @@ use super::grey::Located;
 /// Number of gradient steps for boxes of half a voxel. Afterwards vertices are within a hundredth of a voxel of the
 /// minimum. Larger boxes flatten longer waves and get more steps, in proportion to their radius.
 const STEPS: f64 = 300.0;
-/// Step length. It must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4 for symmetric
-/// L.
+/// Step length. The step length must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4
+/// for symmetric L.
 const STEP: f64 = 0.22;
-/// Largest number of moves along the normals. Each leaves at most a tenth of the missing volume, unless most vertices
-/// are at the limits of their boxes.
+/// Largest number of moves along the normals. Each move reduces the missing volume to at most a tenth, unless most
+/// vertices are at the limits of their boxes.
 const MOVES: usize = 8;
 /// The default radius of smooth surfaces, in voxels.
 pub(super) const HALF_A_VOXEL: f64 = 0.5;
 /// Weight w of the term that pulls quadrangles to the positions at which grey values cross the level.
 const WEIGHT: f64 = 0.1;
 
-/// Largest relative difference between a smooth surface's volume and the required volume at which the smooth surface is
-/// kept.
+/// A smooth surface is kept only if its volume differs from the required volume by less than this fraction.
 const VOLUME: f64 = 0.01;
 
 /// Constraints on a surface of least bending.
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
-    /// Half the width of the boxes, in voxels.
+    /// Half the width, in voxels, of the boxes in which the vertices stay.
     pub(crate) radius: f64,
     /// The body's surface as located by grey values; `None` for a label.
     pub(crate) located: Option<Located>,
@@ -67,8 +67,8 @@ impl Bounds {
 }
 
 impl QuadMesh {
-    /// Returns this surface with smooth positions, those of [`relaxed`](Self::relaxed). If the label has too few voxels
-    /// for a smooth surface of the required volume, the voxels' faces are kept.
+    /// Returns this surface with the smooth positions computed by [`relaxed`](Self::relaxed). If the label has too few
+    /// voxels for a smooth surface of the required volume, the voxels' faces are kept.
     ///
     /// # Errors
     ///
@@ -79,9 +79,10 @@ impl QuadMesh {
         Ok(Self { smooth: keeps.then_some(relaxed), ..self })
     }
 
-    /// Returns the positions of the vertices on the surface of least bending. Each vertex stays within the box around
-    /// its position on this surface, and the volume is this surface's volume, or the volume given by the grey values if
-    /// there are any. This surface must be in voxel coordinates, as returned by [`around`](Self::around).
+    /// Returns the vertices' positions on the smoothed surface, which has the least bending. Each vertex stays within
+    /// the box around its position on the original surface, `self`. The smoothed surface encloses the volume given by
+    /// the grey values, if any, and otherwise the volume of the original surface. The original surface must be in voxel
+    /// coordinates, as returned by [`around`](Self::around).
     ///
     /// # Errors
     ///
@@ -89,7 +90,8 @@ impl QuadMesh {
     pub(crate) fn relaxed(&self, bounds: &Bounds, monitor: &dyn Monitor) -> Result<Vec<Vec3>, Interrupted> {
         let rings = Rings::of(self);
         let crossings = bounds.located.as_ref().map(|located| &located.crossings);
-        // The largest eigenvalue of `L^T L + w C^T C` is at most 4 + w.
+        // With grey values, steps must be shorter, because the largest eigenvalue of `L^T L + w C^T C` (see the top of
+        // this file) may be `4 + w` instead of 4.
         let length = if crossings.is_some() { STEP * 4.0 / (4.0 + WEIGHT) } else { STEP };
         let mut found = self.vertices.clone();
         let mut ahead = found.clone();
@@ -124,7 +126,9 @@ impl QuadMesh {
         bounds.located.as_ref().map_or_else(|| self.volume(&self.vertices), |located| located.volume)
     }
 
-    /// Adds the gradient of the weighted squared distances from the crossings, with vertices at `x`.
+    /// Adds the gradient, at vertex positions `x`, of the term that pulls the centres of quadrangles towards the
+    /// `crossings`. These are the positions at which the grey values cross the level. The term is the weighted sum of
+    /// squared distances.
     fn add_pull(&self, crossings: &[(usize, f64)], x: &[[f64; 3]], gradient: &mut [[f64; 3]]) {
         for (quad, &(axis, position)) in self.quads.iter().zip(crossings) {
             let mean = 0.25 * quad.iter().map(|&v| x[v as usize][axis]).sum::<f64>();
@@ -149,9 +153,10 @@ impl QuadMesh {
         }
     }
 
-    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the quadrangles.
-    /// The vertices move along their normals by less than a hundredth of a voxel to reach this volume; otherwise,
-    /// convex cuts would add up to 0.7 % to the volume of a small body.
+    /// Cuts the quadrangles with vertices at `x` into triangles. The two ways to cut all quadrangles enclose different
+    /// volumes. The returned mesh has the mean of these volumes. To reach it, the vertices move along their normals by
+    /// less than a hundredth of a voxel. Without these moves, convex cuts would increase the volume of a small body by
+    /// up to 0.7 %.
     pub(super) fn cut_evenly(&self, x: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
         let mut mesh = self.cut(x, from_second);
         let (whole, (normals, area)) = (self.volume(x), self.normals(x));
@@ -175,7 +180,8 @@ impl QuadMesh {
         (normals, area)
     }
 
-    /// Returns the volume within the surface with vertices at `x`, as the mean over both ways to cut its quadrangles.
+    /// Returns the volume within the surface with vertices at `x`, as the mean over both ways to cut its quadrangles
+    /// into triangles.
     fn volume(&self, x: &[Vec3]) -> f64 {
         let of = |from_second: bool| signed_volume(&self.cut(x, |_| from_second));
         0.5 * (of(false) + of(true))

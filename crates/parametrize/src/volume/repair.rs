@@ -5,13 +5,13 @@
 //! fewer voxels:
 //!
 //! - *cutting*: a ball grows inside the label from the label's innermost voxel, taking the voxels farthest from the
-//!   background first. It takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that
+//!   background first. The ball takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that
 //!   would close a ring are therefore never taken, which cuts the handle where it is thinnest.
 //! - *filling*: the box around the label shrinks onto the label, removing the voxels farthest from the label first, by
 //!   the same rules. Voxels whose removal would open a ring are kept, which covers the hole with a lid.
 //!
-//! Both ways give a set with the topology of a ball, for any label. The report has the number of changed voxels. Cost:
-//! O(n log n) for a box of n voxels.
+//! Both ways give a set with the topology of a ball, for any label. The report contains the number of changed voxels.
+//! Cost: O(n log n) for a box of n voxels.
 
 use std::collections::BinaryHeap;
 
@@ -33,9 +33,9 @@ pub enum HandleRepair {
     Filled,
 }
 
-/// Share of a label's voxels from which a change counts as large.
+/// A change of more than this share of a label's voxels is reported as large.
 const LARGE: f64 = 0.05;
-/// Number of large dropped pieces from which a label is probably a mask of many bodies.
+/// A label with at least this number of large dropped pieces is probably a mask of many bodies.
 const MANY_BODIES: usize = 3;
 
 /// The changes that a repair made.
@@ -62,7 +62,7 @@ pub struct Repair {
     /// The way in which handles and bare contacts were removed.
     #[serde(rename = "way")]
     pub handles: HandleRepair,
-    /// Number of voxels changed to remove handles and bare contacts.
+    /// Number of voxels changed to remove handles and contacts of voxels at a single edge or corner.
     pub voxels_changed: usize,
 }
 
@@ -79,8 +79,8 @@ impl Repair {
         self.share(self.voxels_dropped)
     }
 
-    /// Returns whether voxels were dropped, filled or changed whose number is more than 5 % of the label's voxels, so
-    /// that the label or its segmentation may be wrong.
+    /// Returns whether more than 5 % of the label's voxels were dropped, filled or changed. The label or its
+    /// segmentation may then be wrong.
     #[must_use]
     pub fn is_large_loss(&self) -> bool {
         self.share(self.voxels()) > LARGE
@@ -91,8 +91,8 @@ impl Repair {
         voxels as f64 / self.voxels_before.max(1) as f64
     }
 
-    /// Returns a message that the repair has removed the handles that the caller wanted to cut; `None` if there were no
-    /// handles.
+    /// Returns a message for a caller who wanted to cut handles: the repair has already removed them. Returns `None` if
+    /// there were no handles.
     #[must_use]
     pub fn no_handle_left(&self) -> Option<String> {
         let (number, kept) = match self.handles_removed {
@@ -128,7 +128,7 @@ impl std::fmt::Display for Repair {
             changes.push(format!("{cavities} filled ({}{})", voxels(self.voxels_filled), share(self.voxels_filled)));
         }
         if self.voxels_changed > 0 {
-            // Removing a mere contact between voxels changes voxels without removing a handle.
+            // Without handles, voxels were changed only to remove bare contacts.
             let removed = match self.handles_removed {
                 0 => "contacts at edges or corners".to_owned(),
                 handles => count(handles, "handle", "handles"),
@@ -191,7 +191,7 @@ pub(super) fn largest_piece(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask,
 fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, true, monitor)?;
     let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
-    // The ball starts at the voxel farthest from the background; the first one in case of ties.
+    // The ball starts at the voxel farthest from the background; in case of ties, at the first such voxel.
     let seed = (0..depth.len()).max_by_key(|&i| (depth[i], std::cmp::Reverse(i)));
     let Some(seed) = seed.filter(|&i| label.inside[i]) else { return Ok(ball) };
     ball.inside[seed] = true;
@@ -211,8 +211,8 @@ fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
 /// Number of voxels between checks of the monitor.
 const CHUNK: usize = 1 << 14;
 
-/// Moves the voxels for which `wanted` is true to the side of `seeds`, in order of decreasing `depth`, if this
-/// preserves the topology and leaves no bare contact.
+/// Moves the voxels for which `wanted` is true to the side of `seeds`, inside or outside the ball, in order of
+/// decreasing `depth`. Moves a voxel only if this preserves the topology and leaves no bare contact (see `simple`).
 fn change_sides(
     ball: &mut Mask,
     seeds: &[usize],
@@ -244,7 +244,7 @@ fn change_sides(
         if looked_at % CHUNK == 0 {
             monitor.check()?;
         }
-        // The voxel was queued several times and has already changed sides.
+        // A voxel may be queued several times; this voxel has already changed sides.
         if ball.inside[voxel] == side {
             continue;
         }
@@ -265,7 +265,7 @@ fn change_sides(
 /// Returns the distance of each voxel of one side from the other side, in units of about 1/3 voxel (the 3-4-5 chamfer
 /// distance: G. Borgefors, "Distance transformations in digital images", 1986); 0 for voxels of the other side.
 fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>, Interrupted> {
-    // The box's border isn't treated as the other side, since the background continues beyond it.
+    // The border of the mask's box doesn't belong to the other side, since the background continues beyond the box.
     let far = u32::MAX / 2;
     let mut depth: Vec<u32> = label.inside.iter().map(|&inside| if inside == side { far } else { 0 }).collect();
     let cost = |d: [isize; 3]| 2 + d.iter().map(|x| x.unsigned_abs() as u32).sum::<u32>();
@@ -285,7 +285,7 @@ fn distance(label: &Mask, side: bool, monitor: &dyn Monitor) -> Result<Vec<u32>,
         if i % CHUNK == 0 {
             monitor.check()?;
         }
-        // One pass in the order of the voxels, then one in reverse order.
+        // The first pass is in the order of the voxels, the second in reverse order.
         if i < n {
             relax(&mut depth, i, 1);
         } else {
@@ -350,7 +350,7 @@ mod tests {
         assert_eq!(two.to_string(), "the volume was repaired: 1 piece dropped (27 voxels, 50 % of the label)");
         let many = cubes(5).to_string();
         assert!(many.contains("80 % of the label") && many.contains("skimage.measure.label"), "{many}");
-        // A speck is no loss.
+        // A dropped speck isn't a large loss.
         let speck = Mask::new([9; 3], |at| at.iter().all(|&x| x > 2) || at == [0; 3]);
         let (_, repair) = repair(&speck, &Silent).unwrap();
         assert!(

@@ -108,7 +108,7 @@ impl Runs {
     }
 }
 
-/// Builds runs from labels given one after another, with x varying fastest.
+/// Builds runs from labels that are added one after another, with x varying fastest.
 pub(super) struct Builder {
     runs: Runs,
     /// Number of voxels added so far.
@@ -131,7 +131,7 @@ impl Builder {
         self.at
     }
 
-    /// Sets the number of slices, for readers that don't know it in advance.
+    /// Sets the number of slices, for readers that don't know this number in advance.
     pub(super) fn slices(&mut self, count: usize) {
         self.runs.size[2] = count;
     }

@@ -7,20 +7,21 @@
 pub(super) struct Images {
     /// Numbers of slices, channels and times.
     pub(super) counts: [usize; 3],
-    /// Order of the pages: the axes Z, C and T, the one that varies fastest first.
+    /// Order of the pages: the axes Z, C and T, the fastest-varying axis first.
     pub(super) order: [u8; 3],
 }
 
-/// Returns the images that a description states; `None` if the pages are the slices of one image. `page` is the size of
-/// a page.
+/// Returns the images that the description `text` specifies; `None` if the pages are the slices of one image. `page` is
+/// the size of a page.
 ///
 /// # Errors
 ///
-/// The shape, if it has more than three dimensions and the axes don't say which of them are channels and times.
+/// A message with the shape, if the shape has more than three dimensions and the axes don't say which of them are
+/// channels and times.
 pub(super) fn images(text: &str, page: [usize; 2]) -> Result<Option<Images>, String> {
     let Some(shape) = field(text, "shape").and_then(numbers) else { return Ok(None) };
     let Some(axes) = field(text, "axes").and_then(quoted).filter(|axes| axes.len() == shape.len()) else {
-        // Axes of one value don't add images.
+        // Axes of length 1 don't add images.
         let found = [&shape[..], &page].map(|sizes| sizes.iter().filter(|&&size| size != 1).count());
         if found[0] <= found[1] + 1 {
             return Ok(None);
@@ -40,7 +41,7 @@ pub(super) fn images(text: &str, page: [usize; 2]) -> Result<Option<Images>, Str
     if !are_known || !stored.ends_with(b"YX") {
         return Err(format!("shape {shape:?} with the axes {axes}; extract one volume"));
     }
-    // Axes of one value may have any place in the order.
+    // Axes of length 1 may be anywhere in the order.
     let rest = b"ZCT".iter().copied().filter(|&axis| sizes(axis).count() == 0);
     let order: Vec<u8> = others.iter().rev().map(|&(axis, _)| axis).chain(rest).collect();
     let counts = [b'Z', b'C', b'T'].map(|axis| sizes(axis).next().unwrap_or(1).max(1));

@@ -2,7 +2,7 @@
 //!
 //! A voxel is *simple* if moving it to the other side preserves the topology of both sides (G. Bertrand and G.
 //! Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994). For
-//! (6, 26)-connectivity this is so if, among its 26 neighbours,
+//! (6, 26)-connectivity, a voxel is simple if, among its 26 neighbours,
 //!
 //! - exactly one piece of the inside shares a face with the voxel, where pieces are connected by faces within the 18
 //!   neighbours that share a face or an edge with the voxel, and
@@ -14,11 +14,11 @@
 
 use std::sync::LazyLock;
 
-/// The sides of a voxel (bit 13) and its 26 neighbours: a bit is set if the voxel is inside; x varies fastest.
+/// A voxel (bit 13) and its 26 neighbours: each voxel has a bit, which is set if the voxel is inside. x varies fastest.
 pub(super) type Around = u32;
 
-/// For each of the 27 voxels, the voxels among the 27 that share a face with it, and those that share at least a
-/// corner.
+/// For each of the 27 voxels in a block of 3 x 3 x 3 voxels: the voxels of the block that share a face with this voxel,
+/// and the voxels that share at least a corner with it.
 struct Neighbours {
     face: [Around; 27],
     any: [Around; 27],
@@ -70,7 +70,7 @@ fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     reached
 }
 
-/// Returns whether the centre is simple, whichever side it is on.
+/// Returns whether the voxel at the centre of a neighbourhood is simple, whether the voxel itself is inside or outside.
 pub(super) fn is_simple(around: Around) -> bool {
     let n = &*NEIGHBOURS;
     let (inside, outside) = (around & EIGHTEEN, !around & ALL);
@@ -83,7 +83,8 @@ pub(super) fn is_simple(around: Around) -> bool {
     touching & !piece == 0 && reach(lowest(outside), outside, &n.any) == outside
 }
 
-/// Returns whether there is a bare contact at an edge or a corner of the centre.
+/// Returns whether there is a bare contact, as defined at the top of this file, at an edge or a corner of the centre
+/// voxel.
 pub(super) fn has_bare_contact(around: Around) -> bool {
     let inside = |[x, y, z]: [i32; 3]| around >> (x + 3 * y + 9 * z) & 1 == 1;
     // Tests the eight blocks of 2 x 2 x 2 voxels that contain the centre.

@@ -1,4 +1,4 @@
-//! Represents a volume's file, with settings that its format may lack.
+//! Represents a volume's file, with settings for data that its format may lack.
 
 use std::io::Read;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::error::ParametrizeError;
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
-    /// Size of the voxels, given by the caller if the format lacks it or the file has a wrong one.
+    /// Size of the voxels. The caller gives this size if the format lacks it or the size in the file is wrong.
     pub(super) voxel_size: Option<[f64; 3]>,
     /// Meaning of the values.
     pub(super) values: VoxelValues,
@@ -29,8 +29,9 @@ pub(super) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Returns the matrix for a format without positions, from the file's voxel size, or the reason why the file has
-    /// none. The caller's size replaces a missing or invalid size here, and a valid size after the file has been read.
+    /// Returns the matrix for a format without positions. `found` is the file's voxel size, or the reason why the file
+    /// has no voxel size. The caller's size replaces a missing or invalid size here; it replaces a valid size after the
+    /// file has been read.
     pub(super) fn affine(&self, found: Result<[f64; 3], &'static str>) -> Result<Affine, ParametrizeError> {
         let is_valid = |size: [f64; 3]| size.iter().all(|x| x.is_finite() && *x > 0.0);
         let size = match (found, self.voxel_size) {

@@ -4,7 +4,7 @@
 //! lengths of `pi r / L`. If this length is below one and a half voxels, the model follows the steps between voxels,
 //! and its area grows with the degree. The area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 %
 //! at 12 and 2.1 % at 20. The area of an ellipsoid with axes 4, 2 and 2 and voxels of 0.2 x 0.2 x 0.6 is 0.3 %, 5.1 %
-//! and 18.1 % too large at these degrees. Sphericity is affected likewise.
+//! and 18.1 % too large at these degrees. Sphericity has similar errors.
 
 use std::fmt;
 
@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use super::surface::VolumeSurface;
 
-/// Resolved length, in voxels, below which a model follows the voxels' steps.
+/// A model follows the voxels' steps if the length that it resolves is below this number of voxels.
 const VOXELS: f64 = 1.5;
 
-/// Lowest suitable degree of a label that is large enough for a shape.
+/// A label is too small for a shape model if its highest suitable degree is below this value.
 const LOWEST: usize = 4;
 
 /// Warning that a model resolves the voxels of its surface.
@@ -81,12 +81,13 @@ impl fmt::Display for VoxelSteps {
     }
 }
 
-/// Names the measures that the steps bias; `small` states whether labels are too small for a shape.
+/// Returns the names of the measures that the voxels' steps bias. `small` states whether labels are too small for a
+/// shape model.
 fn biased(small: bool) -> &'static str {
     if small { "volume, area and sphericity" } else { "area and sphericity" }
 }
 
-/// Returns a single warning for several labels, which names at most 5 of them; `None` if `found` is empty.
+/// Returns a single warning for several labels, with the names of at most 5 labels; `None` if `found` is empty.
 #[must_use]
 pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     const NAMED: usize = 5;

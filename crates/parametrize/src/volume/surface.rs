@@ -11,15 +11,16 @@ use super::relax::{Bounds, HALF_A_VOXEL};
 use super::repair::{Repair, largest_piece, repair};
 use crate::error::ParametrizeError;
 
-/// Smallest and largest radius of smooth surfaces, in voxels. With a smaller radius the steps would remain; with a
-/// larger one, the boxes would contain most of a small body.
+/// Smallest and largest radius of smooth surfaces, in voxels: half the width of the boxes in which vertices may move.
+/// With a smaller radius the voxels' steps would remain. With a larger radius the boxes would contain most of a small
+/// body.
 const RADII: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
 /// The kind of surface that represents a label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LabelSurface {
     /// The surface of least bending near the voxels' faces, with the voxels' volume, or the volume given by grey
-    /// values. Labels with too few voxels for such a surface have the voxels' faces.
+    /// values. For a label with too few voxels for such a surface, the voxels' faces are used.
     Smooth {
         /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels.
         /// Default 0.5, the uncertainty of a label with exact edges; larger values suit labels with inexact edges.
@@ -87,7 +88,7 @@ pub struct VolumeParams {
     /// Whether to repair a label that isn't a ball, instead of rejecting it. Default false.
     pub fix: bool,
     /// Whether the surface may have handles, which [`without_handles`](crate::Input::without_handles) can cut. Default
-    /// false. It has no effect together with `fix`, since a repair removes handles.
+    /// false. The setting has no effect together with `fix`, since a repair removes handles.
     pub handles: bool,
 }
 
@@ -96,7 +97,7 @@ pub struct VolumeParams {
 #[non_exhaustive]
 pub struct VolumeSurface {
     /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed. The quadrangles are
-    /// the voxels' faces; [`triangles`](QuadMesh::triangles) returns the smooth surface if there is one.
+    /// the voxels' faces. If the surface was smoothed, [`triangles`](QuadMesh::triangles) returns the smooth surface.
     pub quads: QuadMesh,
     /// Value of the label.
     pub label: i64,
@@ -104,8 +105,8 @@ pub struct VolumeSurface {
     pub voxels: usize,
     /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
-    /// Whether the label touches the border of the volume, and so may be cut off. After a repair, only the repaired
-    /// label counts.
+    /// Whether the label touches the border of the volume, and so may be cut off. After a repair, this refers to the
+    /// repaired label.
     pub at_border: bool,
     /// The requested kind of surface.
     pub surface: LabelSurface,
@@ -115,14 +116,15 @@ pub struct VolumeSurface {
 
 impl LabelVolume {
     /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within `radius`
-    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere, such
-    /// as registration. For grey values and probabilities, this is the surface of the largest piece, with its cavities
-    /// filled.
+    /// voxels of the steps, with the label's volume. The surface can have any topology. It is intended for uses that
+    /// need no sphere, such as registration. For grey values and probabilities, the surface is that of the largest
+    /// piece, with its cavities filled.
     ///
     /// # Errors
     ///
     /// [`NoLabel`](ParametrizeError::NoLabel) if the volume lacks the label, or has several labels and none is chosen;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has no label; [`Interrupted`](ParametrizeError::Interrupted).
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if the volume has no label;
+    /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn smooth_surface(
         &self,
         label: Option<i64>,
@@ -147,9 +149,9 @@ impl LabelVolume {
     /// # Errors
     ///
     /// [`NoLabel`](ParametrizeError::NoLabel) if the volume lacks the label, or has several labels and none is chosen;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has no label; [`BadVolume`](ParametrizeError::BadVolume),
-    /// with the numbers of pieces, cavities, handles and pinched edges, if the label isn't a single ball and `fix`
-    /// isn't set; [`Interrupted`](ParametrizeError::Interrupted).
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if the volume has no label;
+    /// [`BadVolume`](ParametrizeError::BadVolume), with the numbers of pieces, cavities, handles and pinched edges, if
+    /// the label isn't a single ball and `fix` isn't set; [`Interrupted`](ParametrizeError::Interrupted).
     pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
         let label = self.choose(params.label)?;
         let mask = self.mask(label)?;
@@ -164,8 +166,8 @@ impl LabelVolume {
             (false, false) => return refuse(problems, true),
             (false, true) => {
                 let (repaired, repair) = repair(&mask, monitor)?;
-                // The repair only changes simple voxels, so no problem should be left. If one is, the surface must be
-                // rejected.
+                // The repair only changes simple voxels, so no problem should be left. If a problem is left, the
+                // surface must be rejected.
                 let left = self::problems(&repaired, false, monitor)?;
                 if !left.phrases.is_empty() {
                     return refuse(left, false);
@@ -191,7 +193,7 @@ impl LabelVolume {
 struct Problems {
     /// Phrases that describe the reasons, one each.
     phrases: Vec<String>,
-    /// Number of handles. If there are any, one of the phrases describes them.
+    /// Number of handles. If it isn't 0, one of `phrases` describes the handles.
     handles: usize,
 }
 

@@ -44,13 +44,13 @@ pub(super) fn is_tiff(bytes: &[u8]) -> bool {
 /// The data about the entire stack in the first page's description.
 #[derive(Debug, PartialEq)]
 struct Description {
-    /// Size of the voxels in micrometres, or a description of the file that says why it has no size.
+    /// Size of the voxels in micrometres, or a description of the file that states why the size is missing.
     voxel_size: Result<[f64; 3], &'static str>,
     /// Number of slices, if the description has it.
     slices: Option<usize>,
     channels: usize,
     times: usize,
-    /// Order of the pages: the axes Z, C and T, the one that varies fastest first.
+    /// Order of the pages: the axes Z, C and T, the fastest-varying axis first.
     order: [u8; 3],
     /// Whether the description places pages in another order than `order`, or in other files.
     elsewhere: bool,
@@ -78,7 +78,7 @@ impl Description {
             };
             (place[axis], rest) = (rest % count, rest / count);
         }
-        // Pages beyond the last image don't belong to any image.
+        // Pages after the last image don't belong to any image.
         if rest > 0 { [usize::MAX; 3] } else { place }
     }
 }
@@ -101,8 +101,10 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     // number of slices is missing.
     let slices = description.slices.or(several.then_some(1));
     if several && description.elsewhere {
-        let found = "a description that puts pages in another order or in other files".to_owned();
-        return Err(source.wrong("pages in this file, in the order given by DimensionOrder", found));
+        let found = "an OME-XML description that puts pages in another order or in other files".to_owned();
+        return Err(
+            source.wrong("an OME-TIFF file with all pages in this file, in the order given by DimensionOrder", found)
+        );
     }
     let affine = source.affine(description.voxel_size)?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
@@ -160,8 +162,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
 
 fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) -> Result<(), ParametrizeError> {
     let mut all = |mut values: &mut dyn Iterator<Item = f64>| {
-        // `try_for_each` needs an iterator of known size. A reference to a `dyn Iterator` is one; the `dyn Iterator`
-        // isn't.
+        // `try_for_each` needs an iterator whose type is `Sized`. A `dyn Iterator` isn't `Sized`, but a reference to it
+        // is.
         Iterator::try_for_each(&mut values, |value| found.push(value))
     };
     match page {
@@ -179,8 +181,8 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
     }
 }
 
-/// Returns the data in the description of the first page; the data of a file of one image if there is no description.
-/// The error is a shape of more dimensions, see [`shaped::images`].
+/// Returns the data in the description of the first page. If there is no description, returns the data of a file of one
+/// image. The error states a shape that has too many dimensions; see [`shaped::images`].
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Result<Description, String> {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
@@ -253,8 +255,8 @@ fn of_ome(text: &str) -> Option<Description> {
 }
 
 /// Returns whether an element `TiffData` places a page at another slice, channel or time than the page's number
-/// implies. This is also true if the pages of an image are in several files, since the numbers then start again in each
-/// file.
+/// implies. This is also true if the pages of an image are in several files, since the pages of each file are numbered
+/// from the start.
 fn places_differ(reader: &mut Reader<&[u8]>, description: &Description) -> bool {
     let slices = description.slices.unwrap_or(1);
     loop {

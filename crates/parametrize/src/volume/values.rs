@@ -14,7 +14,7 @@ use super::runs::{Builder, Runs};
 use super::source::{Source, no_room};
 use crate::error::ParametrizeError;
 
-/// A volume from a file: the numbers of voxels along x, y, z, the matrix to mm, and the voxels.
+/// A volume from a file: the numbers of voxels along x, y, z, the matrix from voxel coordinates to mm, and the voxels.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
@@ -23,7 +23,8 @@ pub(super) struct Volume {
     pub(super) doubt: Option<VolumeDoubt>,
 }
 
-/// The labels of all voxels and, for grey values or probabilities, each voxel's value minus the level.
+/// The labels of all voxels. For grey values or probabilities, also each voxel's value minus the level, which is the
+/// value at the body's surface.
 pub(super) struct Voxels {
     pub(super) labels: Runs,
     pub(super) values: Vec<f32>,
@@ -52,7 +53,7 @@ pub(super) struct Collector<'a> {
     values: Vec<f32>,
     /// Smallest and largest value.
     range: (f64, f64),
-    /// Numbers of voxels outside and inside; not counted if the values are labels.
+    /// Numbers of voxels outside and inside the body; not counted if the values are labels.
     sides: [usize; 2],
 }
 
@@ -69,8 +70,8 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Checks that memory suffices for a number of voxels in the worst case: 4 bytes for a voxel's label, 1 for its
-    /// entry in a mask, and 12 for its value, whose vector doubles as it grows.
+    /// Checks that memory suffices for a number of voxels in the worst case: 4 bytes for a voxel's label, 1 byte for
+    /// its entry in a mask, and 12 bytes for its value, in a vector that doubles its capacity as it grows.
     pub(super) fn check_room(&self, voxels: u64) -> Result<(), ParametrizeError> {
         let bytes = if self.meaning == VoxelValues::Labels { 5 } else { 17 };
         check_room(voxels.saturating_mul(bytes)).map_err(|room| no_room(self.path, room))
@@ -81,7 +82,7 @@ impl<'a> Collector<'a> {
         self.labels.len()
     }
 
-    /// Sets the number of slices, for readers that don't know it in advance.
+    /// Sets the number of slices, for readers that don't know this number in advance.
     pub(super) fn slices(&mut self, count: usize) {
         self.labels.slices(count);
     }
@@ -100,7 +101,7 @@ impl<'a> Collector<'a> {
                 }
                 self.range = (self.range.0.min(value), self.range.1.max(value));
                 // A file may have rounded its values to 32 bits, so a value that rounds to the same 32-bit number as
-                // the level is on the level.
+                // the level is treated as equal to the level.
                 let above = if value as f32 == level as f32 { 0.0 } else { (value - level) as f32 };
                 self.values.push(above);
                 self.sides[usize::from(above >= 0.0)] += 1;
@@ -243,7 +244,8 @@ fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError>
         return Ok(value as i32);
     }
     if value.is_nan() {
-        // Neither a threshold nor probabilities are the remedy.
+        // NaN has its own message, because the usual advice to give a threshold, or to read probabilities, would be
+        // wrong.
         let found = format!("NaN (voxel {index} of the file, counted from 0); if NaN is the background, set it to 0");
         return Err(ParametrizeError::NotAVolume {
             path: path.to_owned(),

@@ -2,5 +2,5 @@
 
 /// Numbers of voxels that [`wrap`](super::wrap()) accepts, along the longest side of a mesh.
 pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
-/// Number of voxels along the longest side of a mesh that suits most meshes.
+/// Suitable number of voxels for most meshes, along the longest side of the mesh.
 pub const USUAL_VOXELS: usize = 128;

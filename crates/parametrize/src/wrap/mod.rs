@@ -8,8 +8,8 @@
 //! 3. The surface of the voxels is smoothed: it is replaced by the surface of least bending within half a voxel of the
 //!    voxels' faces. Then the vertices that are at most a voxel away from the mesh are moved onto the mesh (`snap`).
 //!
-//! Walls and gaps thinner than a voxel are lost. Time and memory grow with the cube of the number of voxels: 128 voxels
-//! along the longest side take about 100 MB.
+//! Walls and gaps thinner than a voxel are lost. Time and memory grow with the cube of the number of voxels along the
+//! longest side; 128 voxels take about 100 MB.
 
 pub(crate) mod limits;
 mod outlier;
@@ -39,11 +39,11 @@ use crate::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, VolumeParam
 
 /// Number of layers of background voxels around the mesh.
 const MARGIN: usize = 2;
-/// Distance from the wrap, in voxels, beyond which the part of a mesh outside of the wrap is lost. Smoothing moves the
-/// wrap by less.
+/// Distance from the wrap, in voxels, beyond which a part of the mesh outside of the wrap is reported as lost.
+/// Smoothing moves the wrap by less than this distance.
 const LOST: f64 = 2.0;
-/// Number of bytes per voxel: 1 for whether it is inside, 8 for its distance from the mesh, 17 in the volume, and 37
-/// while the volume is repaired.
+/// Number of bytes per voxel: 1 for the flag that states whether the voxel is inside, 8 for its distance from the mesh,
+/// 17 in the volume, and 37 while the volume is repaired.
 const BYTES_PER_VOXEL: u64 = 63;
 
 /// Returns a closed surface of genus zero around a mesh, and a report on the changes. `voxels` is the number of voxels
@@ -54,12 +54,10 @@ const BYTES_PER_VOXEL: u64 = 63;
 /// [`Argument`](ParametrizeError::Argument) if the number of voxels is outside of [`VOXELS`];
 /// [`NoRoomToWrap`](ParametrizeError::NoRoomToWrap) if memory doesn't suffice;
 /// [`NothingToWrap`](ParametrizeError::NothingToWrap) if the mesh encloses no voxel;
-/// [`FarVertex`](ParametrizeError::FarVertex) if a vertex lies so far away that the rest of the mesh has too few
-/// voxels;
-/// [`OpenSheet`](ParametrizeError::OpenSheet) or [`OneSided`](ParametrizeError::OneSided) if the mesh is one open piece
-/// that encloses no body;
-/// [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or indices are out of range;
-/// [`Interrupted`](ParametrizeError::Interrupted).
+/// [`FarVertex`](ParametrizeError::FarVertex) if a vertex lies so far away that the rest of the mesh spans too few
+/// voxels; [`OpenSheet`](ParametrizeError::OpenSheet) or [`OneSided`](ParametrizeError::OneSided) if the mesh is one
+/// open piece that encloses no body; [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or
+/// indices are out of range; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mesh, MeshRepair), ParametrizeError> {
     if !VOXELS.contains(&voxels) {
         return Err(ParametrizeError::Argument {
@@ -68,7 +66,7 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
             found: voxels.to_string(),
         });
     }
-    // Refuse invalid indices and coordinates; other defects don't matter.
+    // Invalid indices and coordinates are errors; other defects are ignored.
     Flaws::of(surface)?;
     let frame = Frame::around(surface, voxels);
     let count = frame.size.iter().map(|&n| n as u64).product::<u64>();
@@ -149,7 +147,7 @@ struct Frame {
 impl Frame {
     fn around(surface: &Mesh, voxels: usize) -> Self {
         // Coordinates are halved, since the difference of two large numbers may overflow. Vertices that no triangle
-        // uses don't count.
+        // uses are ignored.
         let corners = surface.faces.as_flattened().iter();
         let (low, high) = bounds(corners.map(|&v| scale(surface.vertices[v as usize], 0.5)));
         let longest = sub(high, low).into_iter().fold(0.0, f64::max);

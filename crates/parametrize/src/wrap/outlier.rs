@@ -1,4 +1,4 @@
-//! Refuses meshes of which a small part lies so far from the rest that the grid is too coarse for the rest.
+//! Refuses a mesh if a small part of it lies so far from the rest that the grid is too coarse for the rest.
 
 use spharm_surface::Mesh;
 use spharm_surface::repair::bulk;
@@ -8,20 +8,21 @@ use crate::error::ParametrizeError;
 use crate::flaws::used_vertices;
 use crate::geometry::{Vec3, add, norm, scale, sub};
 
-/// Number of voxels along the longest side of the rest of a mesh that a wrap with losses must have.
+/// If a wrap loses more than [`LOSS`] of a mesh, the mesh is refused unless its rest, without the far vertices, spans
+/// at least this number of voxels along its longest side.
 const LEAST: f64 = 8.0;
-/// Number of voxels along the longest side of the rest of a mesh that every wrap must have. A wrap with fewer voxels
-/// has nothing of the rest's shape, but may still lose nothing.
+/// A mesh is refused if the part without the far vertices spans fewer voxels than this along its longest side. With so
+/// few voxels, the wrap shows nothing of this part's shape, even if no part of the mesh is lost.
 const FEWEST: f64 = 2.0;
-/// Share of a mesh that a wrap may lose before a rest of fewer than [`LEAST`] voxels is an error. A long thin tail
-/// has less.
+/// If a wrap loses more than this share of a mesh, the rest of the mesh must span [`LEAST`] voxels instead of
+/// [`FEWEST`]. The loss of a long thin tail stays below this limit, because the tail has a smaller share of the mesh.
 const LOSS: f64 = 0.05;
 
 /// Checks that the rest of a mesh has enough voxels, given the share of the mesh that a wrap loses. The unit of `given`
 /// is a voxel. `surface` is the same mesh in its own unit.
 ///
-/// The rest is the smaller of two boxes: one around the bulk of the area, one around most vertices. Triangles of a
-/// vertex far away may have most of the area, and a part far away may have many vertices.
+/// The rest is the smaller of two boxes: one around the bulk of the area, the other around most vertices. Both boxes
+/// are needed, because the triangles of a far vertex may have most of the area, and a far part may have many vertices.
 ///
 /// # Errors
 ///
@@ -31,7 +32,7 @@ pub(super) fn check_rest(given: &Mesh, surface: &Mesh, voxels: usize, loss: f64)
     let percent = used.len() / 100;
     let (least, left_out) = if loss > LOSS { (LEAST, percent) } else { (FEWEST, percent.min(1)) };
     let by_area = bulk(&given.vertices, &given.faces);
-    // Only a mesh without area has no box; it encloses no voxel.
+    // The box is empty only for a mesh without area, which encloses no voxel.
     if longest(by_area) == 0.0 {
         return Ok(());
     }
@@ -56,8 +57,8 @@ fn longest((low, high): (Vec3, Vec3)) -> f64 {
     sub(high, low).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns the lowest and the highest corner of the box that leaves out a number of vertices on each side, less than
-/// half of them.
+/// Returns the lowest and the highest corner of the box that leaves out `left_out` vertices on each side. This number
+/// must be less than half of the number of vertices.
 fn inner_box(used: &[(usize, Vec3)], left_out: usize) -> (Vec3, Vec3) {
     let sides = [0, 1, 2].map(|axis| {
         let mut values: Vec<f64> = used.iter().map(|(_, v)| v[axis]).collect();

@@ -7,17 +7,17 @@ use spharm_surface::nearest::TriangleTree;
 
 use crate::geometry::{Vec3, dot};
 
-/// Smallest cosine of the angle between the normals of a vertex and of the triangle onto which it moves. A triangle
+/// A vertex moves onto a triangle only if the cosine of the angle between their normals exceeds this value. A triangle
 /// that faces the other way belongs to the back of the body or to an inner wall.
 const ALIKE: f64 = 0.2;
-/// Smallest accepted cosine of the angle by which a move turns a triangle.
+/// A move is rejected if it turns a triangle by an angle whose cosine is below this value.
 const STEADY: f64 = 0.3;
-/// Smallest accepted ratio of a triangle's area after a move to its area before.
+/// A move is rejected if it reduces a triangle's area to less than this share of the area before the move.
 const SMALLEST: f64 = 0.05;
 
 /// Moves each vertex to the nearest point of the given surface, if this point is at most `reach` away and faces the
-/// same way. Vertices at which a triangle would turn by more than about 70 degrees or shrink to less than a twentieth
-/// of its area stay where they are, so that no fold arises.
+/// same way. A vertex isn't moved if one of its triangles would turn by more than about 70 degrees or shrink to less
+/// than a twentieth of its area. The moves therefore cause no folds.
 pub(super) fn snap(wrap: &mut Mesh, given: &Mesh, tree: &TriangleTree, reach: f64) {
     let normals = vertex_normals(&wrap.vertices, &wrap.faces);
     let corners = |mesh: &Mesh, face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
@@ -29,7 +29,7 @@ pub(super) fn snap(wrap: &mut Mesh, given: &Mesh, tree: &TriangleTree, reach: f6
     let mut targets: Vec<Option<Vec3>> = wrap.vertices.par_iter().zip(&normals).map(target).collect();
     let before: Vec<Vec3> = wrap.faces.iter().map(|face| face_normal(corners(wrap, face))).collect();
     let place = |targets: &[Option<Vec3>], v: u32| targets[v as usize].unwrap_or(wrap.vertices[v as usize]);
-    // Each round takes back at least one move, so the loop ends.
+    // Each round undoes at least one move, so the loop ends.
     loop {
         let turned = |(face, before): (&[u32; 3], &Vec3)| {
             let now = face_normal(face.map(|v| place(&targets, v)));
@@ -62,7 +62,8 @@ mod tests {
 
     #[test]
     fn vertices_move_to_the_side_that_faces_as_they_do() {
-        // Two spheres, the inner one inside out: a thin shell. The wrap belongs to the outer one.
+        // Two spheres form a thin shell; the inner sphere is inside out. The vertices of the wrap must move to the
+        // outer sphere.
         let outer = icosphere(4);
         let mut shell = outer.clone();
         let count = shell.vertices.len() as u32;

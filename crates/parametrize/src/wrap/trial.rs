@@ -6,12 +6,12 @@ use spharm_surface::Mesh;
 use super::wrap;
 use crate::error::ParametrizeError;
 
-/// Number of voxels of the trial along the longest side of the mesh. It takes a fraction of a second.
+/// Number of voxels of the trial along the longest side of the mesh. The trial takes a fraction of a second.
 const COARSE: usize = 32;
-/// Largest share of the body's voxels in pieces that the trial may leave out.
+/// The trial succeeds only if the pieces that it leaves out have at most this share of the body's voxels.
 const LEFT_OUT: f64 = 0.05;
-/// Largest share of the trial's area that may span holes. It grows with the number of voxels, since the parts of a
-/// filling within a voxel of the mesh don't count.
+/// At most this share of the trial wrap's area may span holes. A wrap with more voxels would have a larger share,
+/// because the parts of a filling within a voxel of the mesh don't count as spanning a hole.
 const BRIDGED: f64 = 0.2;
 
 /// Returns whether a wrap with [`USUAL_VOXELS`](super::USUAL_VOXELS) probably keeps all bodies of a mesh and spans no

@@ -1,10 +1,10 @@
-//! Computes generalized winding numbers: the number of times that a surface encloses a point. It is defined even for
-//! surfaces with holes, overlapping pieces or self-intersections.
+//! Computes generalized winding numbers. The winding number of a point is the number of times that a surface encloses
+//! the point. The winding number is defined even for surfaces with holes, overlapping pieces or self-intersections.
 //!
 //! The winding number of a closed surface is 1 inside and 0 outside. The winding number of an open surface is the solid
-//! angle that the surface covers as seen from the point, divided by 4 pi. It changes gradually near a hole, where the
-//! points of winding number 0.5 continue the surface. Source: Jacobson, Kavan and Sorkine-Hornung, "Robust
-//! inside-outside segmentation using generalized winding numbers", ACM Trans. Graphics 32 (2013), equation 5.
+//! angle that the surface covers as seen from the point, divided by 4 pi. Near a hole the winding number changes
+//! gradually, and the points of winding number 0.5 continue the surface. Source: Jacobson, Kavan and Sorkine-Hornung,
+//! "Robust inside-outside segmentation using generalized winding numbers", ACM Trans. Graphics 32 (2013), equation 5.
 //!
 //! Triangles far from a point are summed up as one dipole: Barill, Dickson, Schmidt, Levin and Jacobson, "Fast winding
 //! numbers for soups and clouds", ACM Trans. Graphics 37 (2018), equation 13. A point near the surface takes O(log n)
@@ -19,23 +19,23 @@ use crate::geometry::{Vec3, add, cross, dot, scale, sub};
 
 /// Largest number of triangles in a leaf of the tree.
 const LEAF: usize = 8;
-/// A group of triangles counts as a dipole for points farther from its centre than this multiple of its radius. The
-/// error of the winding number is then below 0.02 for each of the few groups nearest to the point, which is small
-/// enough to tell 0, 0.5 and 1 apart.
+/// A group of triangles is treated as a dipole for points farther from its centre than this multiple of its radius. The
+/// error of the winding number is then below 0.02 for each of the few groups nearest to the point. This error is small
+/// enough to distinguish the winding numbers 0, 0.5 and 1.
 const FAR: f64 = 2.5;
 
 /// A group of triangles.
 struct Node {
     /// Mean of the triangles' centroids, weighted by area.
     centre: Vec3,
-    /// Square of the distance beyond which the group counts as a dipole.
+    /// Square of the distance beyond which the group is treated as a dipole.
     far: f64,
     /// Sum of the triangles' normals, whose lengths are the triangles' areas.
     dipole: Vec3,
     /// Number of nodes of this group and all its subgroups. The next node outside of the group is this many places
     /// later in the list.
     nodes: usize,
-    /// Indices of the group's triangles if the node is a leaf; empty otherwise.
+    /// Indices of the triangles of this group if the node is a leaf; empty otherwise.
     triangles: std::ops::Range<usize>,
 }
 
@@ -119,7 +119,7 @@ fn centroid(corners: &[Vec3; 3], k: usize) -> f64 {
 }
 
 /// Returns the solid angle that a triangle covers as seen from a point, positive if the triangle is clockwise as seen
-/// from there. Source: van Oosterom and Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomedical
+/// from the point. Source: van Oosterom and Strackee, "The solid angle of a plane triangle", IEEE Trans. Biomedical
 /// Engineering 30 (1983), equation 8.
 fn solid_angle(corners: &[Vec3; 3], point: Vec3) -> f64 {
     let [a, b, c] = corners.map(|corner| sub(corner, point));
@@ -150,7 +150,8 @@ mod tests {
 
     #[test]
     fn the_tree_gives_the_sum_over_all_triangles() {
-        // Half a sphere: its numbers are those of the solid angle it covers.
+        // The surface is half of a sphere. The winding numbers of this surface are the solid angles that it covers,
+        // divided by 4 pi.
         let mut half = icosphere(4);
         half.faces.retain(|face| face.iter().all(|&v| half.vertices[v as usize][2] > -0.01));
         let tree = WindingNumbers::new(&half);

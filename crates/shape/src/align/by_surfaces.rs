@@ -16,13 +16,13 @@ use crate::transform::{SQRT_4_PI, Transform, rmsd};
 /// Result of an alignment by the surfaces.
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// Root mean square distance at equal directions reached from each start of the refinement, excluding row 0 (the
-    /// position).
+    /// For each start of the refinement, the root mean square distance at equal directions after the refinement. Row 0
+    /// (the position) is excluded.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
     /// Distance between the surfaces in the pose found, but at least the sampling error of the evaluated surfaces. The
-    /// distance at equal directions is never smaller than the distance between the surfaces, so another pose whose
-    /// distance at equal directions is at most `bound` is at least as good.
+    /// distance at equal directions is never smaller than the distance between the surfaces. Another pose is therefore
+    /// at least as good if its distance at equal directions is at most `bound`.
     pub(super) bound: f64,
     /// Root mean square distance at equal directions, in the pose found.
     pub(super) rmsd: f64,
@@ -59,7 +59,7 @@ pub(super) fn by_surfaces(
     let apart = rmsd(&up_to(&transform.apply(moving, &OnlyCancel(monitor))?)?, &up_to(target)?)?;
     let left = |end: &f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     let mut warnings = Vec::new();
-    // Distances below this are within the sampling error of the evaluated surfaces.
+    // Distances below `least` are within the sampling error of the evaluated surfaces.
     let least = 1e-3 * b.size();
     warnings.extend(found.doubt(least).map(|(distance, second)| AlignWarning::PoseInDoubt { distance, second }));
     if apart > FAR_FROM_A_MEMBER * found.distance.max(least) {

@@ -12,17 +12,18 @@ pub enum Method {
     /// Searches the rotations of space and of the parameters together.
     #[default]
     Joint,
-    /// Rotates both surfaces into the frames of their first-order ellipsoids, and takes the best of the 16 pairs of
-    /// half turns. Intended for comparison with other programs.
+    /// Rotates both surfaces into the frames of their first-order ellipsoids. Of the 16 pairs of a half turn of the
+    /// parameters and a half turn of space, the best pair is used. Intended for comparison with other programs.
     FirstOrderEllipsoid,
     /// Rotates only in space, and keeps the parameters because they already correspond.
     FixedParameters,
     /// Finds the pose in space from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to the
     /// sphere, and then searches the rotation of the parameters in that pose. Intended for surfaces that were mapped to
     /// the sphere separately: their distance at equal directions may be smallest in a wrong pose. The distance at equal
-    /// directions is an upper bound of the distance between the surfaces. If a joint search of both rotations brings it
-    /// below the distance between the surfaces in the pose found, the result of the joint search is used, so that
-    /// copies of one surface coincide to rounding error. Surfaces without area are aligned by [`Method::Joint`].
+    /// directions is an upper bound of the distance between the surfaces. If a joint search of both rotations reduces
+    /// the distance at equal directions below the distance between the surfaces in the pose found, the result of the
+    /// joint search is used. Copies of one surface then coincide to rounding error. Surfaces without area are aligned
+    /// by [`Method::Joint`].
     Surfaces,
 }
 
@@ -41,7 +42,7 @@ pub struct AlignParams {
     /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. By default the smaller of 8
     /// and L + 1, but at least 2.
     pub bandwidth: Option<usize>,
-    /// Number of local maxima of the grid that are refined, at least 1; by default 6.
+    /// Number of local maxima on the grid of rotations from which the alignment is refined, at least 1; by default 6.
     pub starts: usize,
 }
 

@@ -9,8 +9,8 @@ fn aligned(moving: &Coefficients, target: &Coefficients, params: &AlignParams) -
     align(moving, target, params, &Silent).unwrap()
 }
 
-/// Distances of four hippocampi from a fifth after alignment by SPHARM-MAT's SHREC, and by the joint search of
-/// shape.md's prototype.
+/// Distances of four hippocampi from a fifth one. `SHREC` is the result of the method SHREC of SPHARM-MAT, and the
+/// second array is the result of the joint search in the prototype that shape.md describes.
 const SHREC: [f64; 4] = [3.8910, 3.6538, 2.0639, 4.0496];
 const KNOWN: [f64; 4] = [3.8725, 3.6126, 2.0627, 4.0112];
 
@@ -40,8 +40,9 @@ fn fewer_starts_and_more_find_the_same() {
     }
 }
 
-/// The surfaces are nearly ellipsoids: the optima at the four half turns are within a percent of each other, and the
-/// grid alone, which has several maxima next to each of them, misses the best one.
+/// The surfaces are nearly ellipsoids. The distances at the optima of the four half turns differ by less than a
+/// percent. The grid has several maxima near each of these optima, and a search of the grid alone misses the best
+/// optimum.
 #[test]
 fn optima_a_half_turn_apart_are_told_apart() {
     let many = AlignParams { bandwidth: Some(13), starts: 16, ..Default::default() };
@@ -103,7 +104,7 @@ fn a_mirror_image_is_matched_only_if_asked_for() {
 #[test]
 fn a_hippocampus_isnt_its_reflection() {
     let Some(surfaces) = hippocampi("foe") else { return };
-    // The mirror image has a mirrored sphere as well.
+    // The sphere of the mirror image is mirrored as well.
     let image = posed(&reflected(&surfaces[0]), &Transform { antipodal: true, ..some_pose(8) });
     let proper = aligned(&image, &surfaces[0], &AlignParams::default()).report.rmsd_after;
     assert!((proper - 2.2486).abs() < 1e-4, "{proper}");
@@ -121,8 +122,8 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// Of the four orientations of each ellipsoid's axes, the pair with the smallest distance is taken; these distances are
-/// those in shape.md. A round surface causes a warning, because its axes are arbitrary.
+/// Each ellipsoid's axes have four possible orientations, and the pair of orientations with the smallest distance is
+/// chosen. The expected distances are from shape.md. A round surface causes a warning, because its axes are arbitrary.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };
@@ -230,7 +231,8 @@ fn poses_by_surfaces_dont_depend_on_the_parameters() {
 fn mirrored_poses_by_surfaces_keep_the_outside_outside() {
     let target = blob(6, 1);
     let params = AlignParams { method: Method::Surfaces, mirror: true, ..AlignParams::default() };
-    // The first surface is mirrored in space alone, and so inside out; the second has a mirrored sphere as well.
+    // The first surface is mirrored only in space, and is therefore inside out. The sphere of the second surface is
+    // mirrored as well.
     let inside_out = reflected(&target);
     let turned = Transform { antipodal: true, ..Transform::default() }.apply(&inside_out, &Silent).unwrap();
     for (moving, antipodal) in [(inside_out, false), (turned, true)] {

@@ -1,11 +1,11 @@
-//! Implements a binary arithmetic coder: 32-bit bounds, no carry, one byte of output for each byte that both bounds
-//! share.
+//! Implements a binary arithmetic coder. Its bounds have 32 bits, and no carry occurs. Each leading byte that both
+//! bounds share is output as one byte.
 //!
-//! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
-//! ((high - low) p >> 16)`: 1 selects `low..=middle`, and 0 selects the rest. While the top bytes of `low` and `high`
-//! are equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and
-//! compares `middle` with a window of 32 bits of the stream. It reads 4 bytes at the start and one byte for each
-//! shift; beyond the end of the stream it reads zeros.
+//! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits the interval at `middle =
+//! low + ((high - low) p >> 16)`: 1 selects `low..=middle`, and 0 selects the rest. While the top bytes of `low` and
+//! `high` are equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and
+//! compares `middle` with a window of 32 bits of the stream. The decoder reads 4 bytes at the start and one byte for
+//! each shift. Beyond the end of the stream, it reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
 //! byte-oriented form of M. Mahoney's PAQ.
@@ -13,7 +13,8 @@
 /// Denominator of probabilities, whose numerators are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
-/// Writer or reader of decisions. A probability model uses this interface, so that the same model serves for both.
+/// Writer or reader of decisions. A probability model uses this interface, so that the same model works with a writer
+/// and with a reader.
 pub(super) trait Decisions {
     /// Codes a decision that is 1 with probability `one` / 65,536. A writer writes `bit`; a reader ignores it and
     /// returns the decision read.

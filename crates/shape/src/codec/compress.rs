@@ -21,21 +21,24 @@ use super::stream::Stream;
 /// Minimum number of bytes between two default levels, so that checksums are a negligible part of the file.
 const LEAST_LEVEL: usize = 256;
 
-/// Number of steps tried for the smallest files, each 1 % finer than the last.
+/// Number of quantisation steps tried in the search for the smallest file. Each step is 1 % finer than the previous
+/// step.
 const COARSE_STEPS: usize = 200;
 
-/// Criterion by which the quantisation step is chosen. Relative lengths refer to a surface whose bounding box is scaled
-/// to volume 1; for a signal they are fractions of each channel's standard deviation over the sphere.
+/// Criterion by which the quantisation step is chosen. Relative lengths of a surface refer to the surface scaled so
+/// that its bounding box has volume 1. Relative lengths of a signal are fractions of each channel's standard deviation
+/// over the sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
-    /// Maximum root mean square distance between the surfaces of the model and of the compressed model: the larger of
-    /// the distance to the nearest points and the displacement along the normal. A relative length, 1e-8 to 1; the
-    /// distance reached is usually between 98 % and 100 % of it. For a signal, the maximum root mean square error.
+    /// Maximum distance between the surface of the model and the surface of the compressed model, as a relative length
+    /// from 1e-8 to 1. The distance is the larger of two root mean squares: of the distances to the nearest points, and
+    /// of the displacements along the normal. The distance reached is usually between 98 % and 100 % of the maximum.
+    /// For a signal, the value is the maximum root mean square error.
     Tolerance(f64),
-    /// Maximum file size in bytes. If possible, the file uses at least 99.5 % of it.
+    /// Maximum file size in bytes. If possible, the file size is at least 99.5 % of this maximum.
     Bytes(usize),
-    /// The quantisation step itself, a relative length, 1e-12 to 1.
+    /// Quantisation step of the coefficients, a relative length from 1e-12 to 1.
     Step(f64),
 }
 
@@ -45,7 +48,8 @@ pub struct CompressParams {
     /// Criterion by which the quantisation step is chosen.
     pub target: Target,
     /// Degrees after which the file may be truncated, in addition to the last degree; degrees that the file doesn't
-    /// reach are ignored. By default 1, 3, 7, 15, 31 and so on, if there are at least 256 bytes between them.
+    /// reach are ignored. By default the degrees 1, 3, 7, 15, 31 and so on, if they end at least 256 bytes after the
+    /// preceding level.
     pub levels: Option<Vec<usize>>,
     /// Whether the file contains the model's provenance and scheme key, about 500 bytes; default true.
     pub provenance: bool,
@@ -76,8 +80,8 @@ pub struct Compressed {
     pub head: usize,
     /// Points at which the file may be truncated; the last one is the end of the file.
     pub levels: Vec<Level>,
-    /// Highest degree of the compressed model. It is the original model's degree, unless the format doesn't allow a
-    /// file of this size to declare that many coefficients.
+    /// Highest degree of the compressed model. It is below the original model's degree only if the original model has
+    /// more coefficients than the format allows for a file of this size.
     pub max_degree: usize,
 }
 
@@ -93,8 +97,8 @@ pub struct Compressed {
 /// - [`Flat`](CodecError::Flat) if the surface lies in a plane.
 /// - [`TooLarge`](CodecError::TooLarge) if the model exceeds a limit of the format.
 /// - [`TooFine`](CodecError::TooFine) if a coefficient exceeds the largest number of steps.
-/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`]. A file whose
-///   surface is a point or a line doesn't count.
+/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`]. Files whose
+///   surface is a point or a line are ignored.
 /// - [`Interrupted`](CodecError::Interrupted) if the monitor cancels the compression.
 pub fn compress(model: &Model, params: &CompressParams, monitor: &dyn Monitor) -> Result<Compressed, CodecError> {
     check(model, params)?;
@@ -156,7 +160,7 @@ fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
     Ok(())
 }
 
-/// Search for the step that meets a target.
+/// Search for the quantisation step that meets a target.
 struct Trials<'a> {
     writer: &'a Writer<'a>,
     reference: &'a Reference<'a>,
@@ -178,9 +182,9 @@ impl Trials<'_> {
         })
     }
 
-    /// Returns the coarsest step found whose distance is at most `tolerance`.
+    /// Returns the coarsest step found at which the distance from the original model is at most `tolerance`.
     fn within(&self, tolerance: f64) -> Result<f64, CodecError> {
-        /// Maximum number of corrections of the estimate; two are enough for most models.
+        /// Maximum number of corrections of the estimated distance. Two corrections are enough for most models.
         const ROUNDS: usize = 8;
         let (mut start, mut aim, mut best) = (0.2 * tolerance, tolerance, None);
         for _ in 0..ROUNDS {
@@ -195,7 +199,8 @@ impl Trials<'_> {
                     break;
                 }
             }
-            // If the compressed surface is a point, its distance is infinite, and the aim is halved.
+            // If the compressed surface is a point, its distance is infinite. The target distance of the next search is
+            // then halved.
             aim *= if distance.is_finite() && distance > 0.0 { 0.993 * tolerance / distance } else { 0.5 };
             start = step;
         }
@@ -219,8 +224,9 @@ impl Trials<'_> {
         }
     }
 
-    /// Returns the finest of the coarsest steps whose file has at most `bytes` bytes. The smallest files hold few
-    /// values other than 0, so that their size changes by jumps, which the search may miss.
+    /// Tries a series of very coarse steps, and returns the finest of these steps whose file has at most `bytes` bytes.
+    /// The smallest files contain few nonzero values, so their size changes in jumps. The general search may miss such
+    /// a jump.
     fn of_least_size(&self, bytes: usize) -> Result<f64, CodecError> {
         let (mut found, mut least, mut tried) = (None, None, 0);
         let mut step = self.writer.coarsest();
@@ -242,7 +248,7 @@ impl Trials<'_> {
 }
 
 /// Returns the metadata that an expansion restores, as JSON. Settings and distances of the fit are omitted, because
-/// they don't apply to the compressed model; only a penalty is kept.
+/// they don't apply to the compressed model. The only setting kept is the smoothing penalty, if any.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
@@ -277,7 +283,8 @@ impl Writer<'_> {
         Quantised::new(self.model.coefficients.values().view(), steps)
     }
 
-    /// Returns a relative step at which all coefficients above degree 0 are rounded to 0, at most 4 times too coarse.
+    /// Returns a relative step at which all coefficients above degree 0 are rounded to 0: twice the largest relative
+    /// magnitude of these coefficients.
     fn coarsest(&self) -> f64 {
         let values = self.model.coefficients.values().indexed_iter().skip(self.model.coefficients.channels());
         let relative = values.map(|((_, channel), value)| value.abs() / self.scales[channel % self.scales.len()]);
@@ -313,8 +320,8 @@ impl Writer<'_> {
             }
         }
         let bytes = encoder.finish();
-        // Coding a degree may add no byte to the stream. A level that ends where the stream ends is the last one, which
-        // is added below.
+        // Coding a degree may add no byte to the stream, so an earlier level may end where the stream ends. Such a
+        // level equals the last level, which is added below, so it is removed.
         ends.retain(|&(_, end)| end < bytes.len());
         if top > 0 {
             ends.push((top, bytes.len()));

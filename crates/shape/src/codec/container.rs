@@ -1,5 +1,5 @@
-//! Reads and writes the file format around the coded stream: header, levels, checksums. `docs/sphz-format.md` is the
-//! authority on its bytes.
+//! Reads and writes the file format around the coded stream: header, levels and checksums. `docs/sphz-format.md`
+//! specifies the bytes of the format.
 
 use std::io::{Read, Write};
 
@@ -10,7 +10,7 @@ use spharm_harmonics::{MAX_DEGREE, basis_size};
 
 use super::error::CodecError;
 
-/// Version of the file format: the only one that is written or read.
+/// Version of the file format. Files of other versions are neither written nor read.
 pub const VERSION: u8 = 1;
 
 /// First bytes of a compressed model. The first byte isn't a letter, so that no text file is mistaken for a model.
@@ -30,8 +30,8 @@ pub(super) const MOST_CHANNELS: usize = 1 << 16;
 const MOST_METADATA: usize = 1 << 24;
 /// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Limits on the number of zero coefficients that a file may declare above the stream's highest degree: the number that
-/// any file may declare, and the further number that it may declare per byte of its size.
+/// Limits on the number of zero coefficients that a file may declare above the stream's highest degree. The first value
+/// applies to any file. The second value is added to it for each byte of the file.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
 /// Maximum of [`Head::guess`], the log2 of the mean magnitude at degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
@@ -70,8 +70,8 @@ pub(super) struct Parsed {
     pub(super) length: usize,
 }
 
-/// Returns whether a file of `bytes` bytes may declare coefficients up to `max_degree` if its stream ends at degree
-/// `top`.
+/// Returns whether a file of `bytes` bytes may have coefficients up to `max_degree` if its stream ends at degree `top`.
+/// The coefficients of higher degrees are zeros.
 pub(super) fn plausible(max_degree: usize, top: usize, channels: usize, bytes: usize) -> bool {
     let values = |degree: usize| basis_size(degree).saturating_mul(channels);
     let zeros = values(max_degree) - values(top);
@@ -153,7 +153,7 @@ impl Head {
     }
 }
 
-/// Reader of the header's fields that follow those at fixed positions.
+/// Reader of the header fields that follow the fields at fixed positions.
 struct Fields<'a> {
     rest: &'a [u8],
     flags: u8,

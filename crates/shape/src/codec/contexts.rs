@@ -2,16 +2,17 @@
 //! estimates.
 //!
 //! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels.
-//! Around that trend they are correlated: if a coefficient is large, the coefficients of the same order one and two
-//! degrees below, of neighbouring orders, and of the other channels tend to be large as well. Six expected
-//! magnitudes, in units of 1/256 of a step, are computed from these neighbours. Each is a weighted mean of
-//! coefficients that are already coded, drawn towards the running mean of the degree. Magnitudes are clamped to 2^20.
+//! Deviations from this trend are correlated. If a coefficient is large, three kinds of neighbours tend to be large as
+//! well: the coefficients of the same order one and two degrees below, of neighbouring orders, and of the other
+//! channels. Six expected magnitudes, in units of 1/256 of a step, are computed from these neighbours. Each expected
+//! magnitude is a weighted mean of the magnitudes of coded coefficients and of the running mean of the degree.
+//! Magnitudes are clamped to 2^20.
 
 use spharm_harmonics::index::column;
 
 use super::mixing::ESTIMATES;
 
-/// Number of units of an expected magnitude per quantisation step.
+/// Expected magnitudes are in units of 1/256 of a quantisation step.
 pub(super) const UNIT: u64 = 256;
 
 /// Number of classes of expected magnitudes: four per octave.
@@ -51,7 +52,8 @@ impl Sum {
         Self { magnitudes: self.magnitudes + other.magnitudes, weights: self.weights + other.weights }
     }
 
-    /// Returns the weighted mean of the magnitudes and of a guess with the weight `weight`.
+    /// Returns the weighted mean of the summed magnitudes and of `guess`, which has the weight `weight`. The guess and
+    /// the result are in units of 1 / [`UNIT`].
     fn mean(self, weight: u64, guess: u64) -> u64 {
         (UNIT * self.magnitudes + weight * guess) / (self.weights + weight)
     }
@@ -61,11 +63,13 @@ impl Sum {
 pub(super) struct Contexts {
     channels: usize,
     degree: usize,
-    /// Mean magnitudes of the last two degrees. For a degree that doesn't exist, it is the header's guess.
+    /// Mean magnitudes of the last two degrees. At degree 1 both are the header's guess. At degree 2 both are the mean
+    /// of degree 1.
     means: [u64; 2],
     /// Mean magnitudes of each channel at the previous degree.
     channel_means: Vec<u64>,
-    /// Sum of the magnitudes of the current degree in each channel; `sum` is the sum over all channels.
+    /// For each channel, the sum of the magnitudes of the coefficients of the current degree; `sum` is the sum over all
+    /// channels.
     channel_sums: Vec<u64>,
     sum: u64,
     /// Number of coefficients of the current degree coded so far, over all channels.
@@ -73,7 +77,7 @@ pub(super) struct Contexts {
 }
 
 impl Contexts {
-    /// Creates the contexts for degree 1, for which `guess` is the assumed mean magnitude.
+    /// Creates the contexts for degree 1, for which `guess` is the assumed mean magnitude of the coefficients.
     pub(super) fn new(channels: usize, guess: u64) -> Self {
         let guess = UNIT * guess;
         Self {
@@ -91,7 +95,8 @@ impl Contexts {
     pub(super) fn next_degree(&mut self) {
         let orders = 2 * self.degree as u64 + 1;
         let mean = UNIT * self.sum / (orders * self.channels as u64);
-        // Before degree 1 there is only a guess, which shows no trend, so the mean of degree 1 replaces it.
+        // `means` has the means of the last two degrees. No mean is known for degree 0, only a guess. After degree 1,
+        // the guess is replaced by the mean of degree 1, because the difference from a guess isn't a trend.
         self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
         for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
             *mean = UNIT * *sum / orders;
@@ -109,7 +114,7 @@ impl Contexts {
     }
 
     /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in units of 1/256 of a step.
-    /// `values` holds all coefficients (K, c), of which only those before this coefficient have been coded.
+    /// `values` has all coefficients (K, c). Only the coefficients before this coefficient have been coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {

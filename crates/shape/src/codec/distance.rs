@@ -7,14 +7,15 @@
 //! - the root mean square displacement along the normal over the surface's area, which equals these distances to first
 //!   order.
 //!
-//! Both are measured on one icosphere of at least 8 vertices per basis function. Its flat triangles smooth out some of
-//! the error at its vertices: the distances are up to 7 % below the displacements (8 % with 4 vertices per function at
-//! degree 100). If a surface folds, the displacements may be smaller than the distances.
+//! Both lengths are measured on the same icosphere, which has at least 8 vertices per basis function. The flat
+//! triangles smooth out some of the error at the vertices. The distances are therefore up to 7 % below the
+//! displacements. With 4 vertices per basis function, the difference would be 8 % at degree 100. If a surface folds,
+//! the displacements may be smaller than the distances.
 //!
 //! At degree 100, computing the distances takes seconds, but computing the displacements takes only one synthesis.
-//! Therefore the step is searched by displacements and verified by both. For signals the distance is the root mean
-//! square error over the sphere, exact by Parseval's identity, each channel divided by its standard deviation over the
-//! sphere.
+//! Therefore the search for the step uses only displacements, and its result is verified by both lengths. For signals
+//! the distance is the root mean square error over the sphere, with each channel divided by its standard deviation over
+//! the sphere. It is computed exactly by Parseval's identity.
 
 use std::f64::consts::PI;
 
@@ -29,9 +30,9 @@ use spharm_transform::{Transform, TransformParams};
 
 use super::error::CodecError;
 
-/// Number of vertices of the icosphere per basis function. `POINTS_PER_FUNCTION` is the number of points on each
-/// surface per basis function.
+/// Number of vertices of the icosphere per basis function.
 const VERTICES_PER_FUNCTION: usize = 8;
+/// Number of points on each surface per basis function.
 const POINTS_PER_FUNCTION: usize = 24;
 
 /// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
@@ -87,7 +88,8 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns a cheap estimate of [`distance`](Self::distance): the displacement, or the error of a signal.
+    /// Returns a cheap estimate of [`distance`](Self::distance): the displacement of a surface, or the error of a
+    /// signal.
     pub(super) fn estimate(&self, coefficients: &Array2<f64>) -> Result<f64, CodecError> {
         match self {
             Self::Surface(surface) => surface.estimate(coefficients),

@@ -48,7 +48,8 @@ pub enum CodecError {
         /// Largest number of steps that the format allows.
         most: f64,
     },
-    /// A requested size below the size of the smallest file. The surface in this file isn't a point or a line.
+    /// A requested size below the size of the smallest file. Only files whose surface is neither a point nor a line are
+    /// considered.
     #[error(
         "{wanted} bytes are too few: the smallest possible file has {least} bytes, including {of_which} bytes of header"
     )]

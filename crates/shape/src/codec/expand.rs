@@ -19,8 +19,8 @@ const TRANSFORM: &str = "transform";
 pub struct ExpandParams {
     /// Highest degree of the expanded model. By default, or if the file's degree is lower, all degrees are expanded.
     pub max_degree: Option<usize>,
-    /// Whether the bytes may be a prefix of a file, whose complete levels are then expanded. Default false: a truncated
-    /// file is an error.
+    /// Whether the bytes may be a prefix of a file. The complete levels of a prefix are expanded. False by default: a
+    /// truncated file is then an error.
     pub prefix: bool,
 }
 
@@ -52,9 +52,9 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. If the file contains the original model's provenance, the model has this
-    /// provenance, without the settings and distances of the fit. The provenance's `transform` ends with an entry
-    /// `compressed`: the version of the format, the number of bytes, and the steps in the model's unit.
+    /// The model, without a sphere. If the file contains the original model's provenance, the expanded model has the
+    /// same provenance without the settings and distances of the fit. The last entry of the provenance's `transform` is
+    /// `compressed`. This entry has the version of the format, the number of bytes, and the steps in the model's unit.
     pub model: Model,
     /// Points at which the file may be truncated.
     pub levels: Vec<Level>,

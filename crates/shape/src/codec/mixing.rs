@@ -1,13 +1,13 @@
 //! Mixes the probability of a decision from several adaptive estimates, in integer arithmetic.
 //!
-//! Each estimate is a probability that moves towards the decisions in its context: after n decisions, the next one
-//! moves it by 1 / (n + 8) of the difference. Logistic mixing (Mahoney, "Adaptive weighing of context models for
-//! lossless data compression", 2005) sums the estimates' `ln(p / (1 - p))` with weights that follow the gradient of the
-//! coding cost.
+//! Each estimate is a probability that moves towards the decisions in its context. After n decisions, the next decision
+//! moves the estimate by 1 / (n + 8) of the difference between the decision and the estimate. Logistic mixing (Mahoney,
+//! "Adaptive weighing of context models for lossless data compression", 2005) sums the estimates' `ln(p / (1 - p))`
+//! with weights that follow the gradient of the coding cost.
 //!
-//! Encoder and decoder must agree in every bit, on any machine and in any language. Therefore floating point is
-//! avoided: an estimate has 22 bits and a probability 16, a logarithm is a multiple of 1/256 and a weight of
-//! 1/65,536, and `>>` rounds down. `docs/sphz-format.md` specifies the arithmetic.
+//! Encoder and decoder must agree in every bit, on any machine and in any language. Therefore all numbers are integers.
+//! An estimate has 22 bits, and a probability has 16 bits. A logarithm is a multiple of 1/256, and a weight is a
+//! multiple of 1/65,536. The operator `>>` rounds down. `docs/sphz-format.md` specifies the arithmetic.
 
 /// Number of estimates per decision.
 pub(super) const ESTIMATES: usize = 6;
@@ -15,7 +15,7 @@ pub(super) const ESTIMATES: usize = 6;
 /// Fixed-point representation of probability 1 in an estimate.
 const WHOLE: i64 = 1 << 22;
 
-/// Largest magnitude of a logarithm, in units of 1/256: just below 8.
+/// Largest magnitude of a logarithm `ln(p / (1 - p))`, in units of 1/256: just below 8.
 const FARTHEST: i64 = 2047;
 
 /// Table of the logistic function: 65,536 / (1 + exp(-k / 2)) for k from -16 to 16, rounded.
@@ -32,8 +32,8 @@ fn squash(logarithm: i64) -> i64 {
     (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
 }
 
-/// Returns a table of the inverse of `squash`. For each value of a probability's upper 12 bits, it has the smallest
-/// logarithm whose probability is at least the midpoint of the probabilities with these upper bits.
+/// Returns a table of the inverse of `squash`. The table is indexed by the upper 12 bits of a probability. An entry is
+/// the smallest logarithm for which `squash` returns at least the midpoint of the probabilities with these upper bits.
 fn stretches() -> Vec<i16> {
     let mut logarithm = -FARTHEST;
     let entry = |i: i64| {
@@ -54,7 +54,7 @@ pub(super) struct Estimate {
     seen: u32,
 }
 
-/// Number of updates after which an estimate adapts at a constant rate.
+/// After this number of updates, an estimate adapts at a constant rate.
 const MOST_SEEN: u32 = 250;
 
 impl Estimate {
@@ -85,7 +85,8 @@ impl Weights {
     }
 }
 
-/// Mixer of the estimates of a decision, which keeps the estimates' logarithms for the update of the weights.
+/// Mixer of several estimates of the probability that a decision is 1. It keeps the estimates' logarithms for the
+/// update of the weights.
 pub(super) struct Mixer {
     stretches: Vec<i16>,
     logarithms: [i64; ESTIMATES],

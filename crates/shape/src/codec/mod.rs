@@ -6,11 +6,11 @@
 //!
 //! *Loss*: the step limits the precision. The sphere is lost, and with it the number, the triangles and the order of
 //! the vertices that the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured
-//! by the distance between the surfaces; a point may also move along the surface, by about the same length.
+//! by the distance between the surfaces. Points may also move along the surface, by about the same length.
 //!
 //! *Cost*: coding or decoding a coefficient takes about 200 ns on one core, and 4 bytes of memory in addition to the
-//! model. Finding the step for a tolerance takes 4 to 8 evaluations of the distance between two surfaces of `4 (L+1)^2`
-//! vertices or more.
+//! model. Finding the step for a tolerance takes 4 to 8 evaluations of the distance between two surfaces of at least `8
+//! (L+1)^2` vertices, up to a limit of 655,362 vertices.
 //!
 //! # Modules
 //!

@@ -1,14 +1,15 @@
 //! Quantises coefficients to integer multiples of a step, and reconstructs them.
 //!
-//! Harmonics are orthonormal, so that an error in a coefficient adds the same to the mean square error at any degree
-//! and order. A single step for all coefficients then minimises the mean square error. A fraction is rounded up from
-//! 0.62 instead of 0.5, which makes a dead zone around 0 and a bias towards 0, because a smaller magnitude takes
-//! fewer bits (Sullivan, "Efficient scalar quantization of exponential and Laplacian random variables", IEEE
-//! Transactions on Information Theory 42, 1996). Magnitudes are reconstructed as the mean of the values that were
-//! rounded to them. The shift from a magnitude to this mean is stored once for magnitude 1, and once for all
-//! magnitudes of 2 and more.
+//! Harmonics are orthonormal, so an error in a coefficient has the same effect on the mean square error at any degree
+//! and order. Therefore a single step for all coefficients minimises the mean square error. Fractions of 0.62 and above
+//! are rounded up, instead of fractions of 0.5 and above. This widens the zone that is rounded to 0 and shifts
+//! magnitudes towards 0, because smaller magnitudes need fewer bits (Sullivan, "Efficient scalar quantization of
+//! exponential and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). Magnitudes are
+//! reconstructed as the mean of the values that were rounded to them. The shift from a magnitude to this mean is stored
+//! once for magnitude 1, and once for all magnitudes of 2 and more.
 //!
-//! Degree 0, the surface's position, is rounded to the nearest multiple, which may be much larger than other multiples.
+//! The coefficients of degree 0, the surface's position, are rounded to the nearest multiple. These multiples may be
+//! much larger than the multiples at other degrees.
 
 use ndarray::{Array2, ArrayView2};
 
@@ -18,7 +19,8 @@ use super::stream::LARGEST;
 /// Offset added to a magnitude before it is rounded down.
 const ROUNDING: f64 = 0.38;
 
-/// Largest multiple at degree 0; f64 can't represent all integers above this value.
+/// A coefficient of degree 0 is stored as a multiple of the step. The multiple is at most this number, because f64
+/// can't represent all integers above it.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
@@ -28,7 +30,8 @@ pub(super) struct Quantised {
     pub(super) steps: Vec<f64>,
     /// Multiples of the step at degree 0, one per channel.
     pub(super) first: Vec<i64>,
-    /// Reductions of the reconstructed values, in 256ths of a step: for magnitude 1, and for magnitudes of 2 and more.
+    /// Reductions of the reconstructed magnitudes, in 256ths of a step. The first is for magnitude 1, the second for
+    /// magnitudes of 2 and more.
     pub(super) shifts: [i8; 2],
     /// Multiples of the step for all coefficients (K, c); the row of degree 0 is zero.
     pub(super) values: Vec<i32>,
@@ -99,7 +102,8 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// The error of a coefficient is at most 0.62 of a step plus the shift of its magnitude.
+        /// Rounding changes a coefficient by at most 0.62 of a step, and the shift of its reconstructed magnitude adds
+        /// at most half a step.
         #[test]
         fn nothing_is_far_off(values in prop::collection::vec(-1e3..1e3f64, 18), step in 0.01..100.0f64) {
             let given = Array2::from_shape_vec((9, 2), values).unwrap();

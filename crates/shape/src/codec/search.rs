@@ -13,22 +13,23 @@ pub(super) struct Trial<T> {
     pub(super) result: T,
 }
 
-/// Returns the result of the best acceptable step among those tried: the coarsest one if the excess grows with the step
-/// (`rising`), otherwise the finest one. Returns `None` if no acceptable step is found within the allowed range of
-/// steps and number of trials.
+/// Returns the result of the best acceptable step among the steps tried. A step is acceptable if its excess (see
+/// [`Trial`]) is at most 0. If the excess grows with the step (`rising`), the coarsest acceptable step is the best,
+/// otherwise the finest is. Returns `None` if no acceptable step is found within the allowed range of steps and number
+/// of trials.
 ///
-/// The excess is a function of ln(step). Its zero between an acceptable step and an unacceptable one is found by regula
-/// falsi with the Illinois rule. The search stops once the excess is at most `near` below the limit, or the two steps
-/// are adjacent.
+/// The zero of the excess as a function of ln(step) is found by regula falsi with the Illinois rule, between an
+/// acceptable and an unacceptable step. The search stops once an acceptable step has an excess of `-near` or more, or
+/// the two steps are almost equal.
 pub(super) fn search<T>(
     start: f64,
     rising: bool,
     near: f64,
     mut trial: impl FnMut(f64) -> Result<Trial<T>, CodecError>,
 ) -> Result<Option<T>, CodecError> {
-    // Direction of ln(step) towards acceptable steps.
+    // Sign of the change of ln(step) that leads towards acceptable steps.
     let downhill = if rising { -1.0 } else { 1.0 };
-    // The latest acceptable and the latest unacceptable step, each as the step's logarithm and its excess.
+    // The latest acceptable and the latest unacceptable step, each as `ln(step)` and the excess of its [`Trial`].
     let mut will: Option<(f64, f64)> = None;
     let mut wont: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
@@ -39,8 +40,9 @@ pub(super) fn search<T>(
         }
         let Trial { excess, result } = trial(at.exp())?;
         if excess <= 0.0 {
-            // Of two acceptable steps, the one closer to the unacceptable steps is better. Steps are compared, not
-            // excesses, because the excess may fluctuate slightly.
+            // Of two acceptable steps, the one closer to the unacceptable steps is better. The steps are compared
+            // rather than the sizes or distances that they lead to, because these may fluctuate slightly from step to
+            // step.
             if best.as_ref().is_none_or(|(other, _)| (at - other) * downhill < 0.0) {
                 best = Some((at, result));
             }

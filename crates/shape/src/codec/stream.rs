@@ -1,9 +1,9 @@
-//! Codes coefficients as a stream of decisions; the same code writes and reads.
+//! Codes coefficients as a stream of decisions. The same code writes and reads streams.
 //!
-//! Degrees are coded in ascending order from 1, the orders of a degree as 0, 1, -1, 2, -2, ..., and the channels of an
-//! order one after another. A magnitude is divided by 2^s, with s chosen so that the expected quotient is at most 6.
-//! The quotient is coded in unary, each decision with the mixed probability of its contexts; the remainder and the sign
-//! are coded as raw bits.
+//! Degrees are coded in ascending order from 1. The orders of a degree are coded as 0, 1, -1, 2, -2, and so on. The
+//! channels of an order are coded one after another. A magnitude is divided by 2^s, with s chosen so that the expected
+//! quotient is at most 6. The quotient is coded in unary, and each decision has the mixed probability of its contexts.
+//! The remainder and the sign are coded as raw bits.
 
 use spharm_harmonics::index::column;
 
@@ -15,11 +15,12 @@ use super::mixing::{ESTIMATES, Estimate, Mixer, Weights};
 /// coded in Exp-Golomb form.
 const UNARY: usize = 20;
 
-/// Number of kinds. The context of an estimate combines the class of the expected magnitude with a kind, which is the
-/// region of the order, the channel modulo this number, or always 0.
+/// Number of kinds of contexts. The context of an estimate combines the class of the expected magnitude with a kind.
+/// Depending on the estimate, the kind is the region of the order, the channel modulo `KINDS`, or always 0.
 const KINDS: usize = 4;
 
-/// Number of classes of the shift s, each with its own mixing weights: 0, 1, and 2 or more.
+/// A magnitude is divided by 2^s, and the quotient is coded. The exponents s form this number of classes: 0, 1, and 2
+/// or more. Each class has its own mixing weights.
 const SIZES: usize = 3;
 
 /// The largest magnitude of a quantised coefficient.
@@ -30,7 +31,7 @@ pub(super) struct Stream {
     channels: usize,
     degree: usize,
     contexts: Contexts,
-    /// Adaptive estimates, indexed by (estimate, class, kind, decision).
+    /// Adaptive estimates of probabilities, indexed by (estimate, class, kind, decision).
     estimates: Vec<Estimate>,
     /// Mixing weights, indexed by (decision, class of the shift).
     weights: Vec<Weights>,
@@ -120,7 +121,8 @@ impl Stream {
     }
 }
 
-/// Codes a number in Exp-Golomb form: the bits of `value + 1` without the first, preceded by as many ones and a zero.
+/// Codes a number in Exp-Golomb form. If `value + 1` has n bits after its leading bit, the code is n ones, a zero, and
+/// these n bits.
 fn golomb(value: u32, decisions: &mut impl Decisions) -> Result<u32, Ended> {
     let wanted = value.saturating_add(1).ilog2();
     let mut bits = 0;

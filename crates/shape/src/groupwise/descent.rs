@@ -4,12 +4,12 @@
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! A step length t is allowed if no direction moves by more than [`FARTHEST`] (or [`FIRST`], if L-BFGS has no stored
-//! pairs), and if the displacements of two neighbours differ by at most [`STRETCH`] of the neighbours' distance. t
-//! starts at 1, or at the largest allowed length if that is smaller or L-BFGS has no stored pairs. As long as
-//! displacements differ by less than the distance, the step is one-to-one and can be inverted by a fixed-point
-//! iteration. t is then halved, or set to the minimum of the parabola through the costs, until the objective satisfies
-//! Armijo's rule and no triangle is inverted.
+//! A step length t must satisfy two limits. No direction moves by more than [`FARTHEST`], or by more than [`FIRST`] if
+//! L-BFGS has no stored pairs. The displacements of two neighbours differ by at most [`STRETCH`] times the neighbours'
+//! distance. If displacements differ by less than the distance, the step is one-to-one and can be inverted by a
+//! fixed-point iteration. The first t tried is 1 or the largest allowed length, whichever is smaller. If L-BFGS has no
+//! stored pairs, it is the largest allowed length. t is then reduced until the objective satisfies Armijo's rule and no
+//! triangle is inverted. Each reduction halves t or sets it to the minimum of the parabola through the costs.
 //!
 //! Cost: typically two evaluations of the group per step.
 
@@ -29,9 +29,10 @@ use crate::groupwise::state::{Group, State};
 /// Largest angle, in radians, by which a step moves a direction while L-BFGS has no stored pairs, for example at the
 /// start of a stage.
 const FIRST: f64 = 0.03;
-/// Largest angle, in radians, by which any other step moves a direction.
+/// Largest angle, in radians, by which a step moves a direction if L-BFGS has stored pairs.
 const FARTHEST: f64 = 0.15;
-/// Largest difference between the displacements of neighbouring vertices, relative to their distance.
+/// A step is shortened so that the displacements of neighbouring vertices differ by at most this share of the vertices'
+/// distance.
 const STRETCH: f64 = 0.5;
 /// Fraction of the decrease predicted by the slope that a step must achieve (Armijo's rule).
 const ARMIJO: f64 = 1e-4;

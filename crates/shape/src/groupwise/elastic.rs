@@ -18,9 +18,9 @@
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, scale};
 
-/// Absolute logarithm of the change of area above which the barrier is added.
+/// A barrier is added to a triangle's energy if the absolute logarithm of its change of area exceeds this value.
 const FREE: f64 = 1.386;
-/// Weight of the barrier, relative to the squared logarithm.
+/// Factor of the barrier in psi; see the [module](self).
 const BARRIER: f64 = 20.0;
 
 /// Triangles of the sphere, with their areas before deformation.

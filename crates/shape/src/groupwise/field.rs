@@ -26,8 +26,8 @@ use crate::derivatives::{generators, rotational_derivatives};
 use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 
-/// Returns the field at the directions `at`. The columns of `potentials` (K, 2) are the coefficients of A and B.
-/// `transform` must be planned for these directions and for the potentials' degree.
+/// Returns the field at the directions `at`. The columns of `potentials` (K, 2) are the coefficients of the potentials
+/// A and B (see the [module](self)). `transform` must be planned for these directions and for the potentials' degree.
 pub(super) fn field(potentials: &Array2<f64>, at: &[Vec3], transform: &Transform) -> Result<Vec<Vec3>, ShapeError> {
     let samples = transform.synthesis(side_by_side(&rotational_derivatives(potentials.view())?).view())?;
     let rows = samples.rows().into_iter().zip(at);

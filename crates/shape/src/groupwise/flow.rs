@@ -9,8 +9,8 @@
 //! at p is then the limit of the iteration `q <- p - d(q)`, projected to the sphere. Each iteration at least halves the
 //! error.
 //!
-//! Cost: one synthesis of six functions per step. The inverse takes about twenty per step, until directions change by
-//! less than 1e-11.
+//! Cost: one synthesis of six functions per step. The inverse takes about twenty syntheses per step. Its iteration
+//! stops when directions change by less than 1e-11.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -23,7 +23,8 @@ use crate::groupwise::field::{field, step};
 
 /// Accuracy of the evaluated fields.
 const ACCURACY: f64 = 1e-12;
-/// Change of directions per iteration, in radians, below which an inverse has converged.
+/// The iterations that invert a flow have converged when an iteration changes all directions by less than this angle,
+/// in radians.
 const FOUND: f64 = 1e-11;
 /// Maximum number of iterations of an inverse.
 const ROUNDS: usize = 60;

@@ -30,7 +30,7 @@ impl Held {
         self.weight * self.places.iter().map(square).sum::<f64>()
     }
 
-    /// Adds the gradient of H to the covectors.
+    /// Adds the gradient of the energy H to the covectors.
     pub(super) fn add_gradient(&self, at: &[Vec3], covectors: &mut [Vec3]) {
         for (place, rest) in &self.places {
             let slope = scale(sub(place.of(at), *rest), 2.0 * self.weight);

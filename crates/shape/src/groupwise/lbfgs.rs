@@ -1,14 +1,16 @@
 //! Computes directions of descent from the gradients of the last steps by the limited-memory BFGS method.
 //!
-//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): two loops over pairs of
-//! steps s and changes y of the gradient apply an approximate inverse Hessian that starts from `gamma P`. P is a
-//! diagonal matrix given by the caller, and gamma is `s.y / y.P y` of the last pair.
+//! The method stores pairs of a step s and the change y of the gradient along this step. Two loops over these pairs
+//! apply an approximate inverse Hessian, whose initial value is `gamma P` (J. Nocedal, "Updating quasi-Newton matrices
+//! with limited storage", Math. Comp. 35, 1980). P is a diagonal matrix given by the caller, and gamma is `s.y / y.P y`
+//! of the last pair.
 //!
 //! A step composes a map with the exponential of a field, so the gradients before and after the step are covectors at
 //! different maps. They are used without transport, because fields on the fixed sphere form a single vector space for
 //! all maps.
 //!
-//! Cost: `4 PAIRS` products per direction. The order of summation doesn't depend on the number of threads.
+//! Cost: `4 PAIRS` operations on whole vectors per direction of descent. The order of summation doesn't depend on the
+//! number of threads.
 
 use std::collections::VecDeque;
 
@@ -23,7 +25,8 @@ pub(super) struct Lbfgs {
 }
 
 impl Lbfgs {
-    /// Creates a method without pairs. `preconditioner` is the diagonal of the initial inverse Hessian, up to a factor.
+    /// Creates the state of L-BFGS before the first step, without stored pairs. `preconditioner` is the diagonal of the
+    /// initial inverse Hessian, up to a factor.
     pub(super) fn new(preconditioner: Vec<f64>) -> Self {
         Self { preconditioner, pairs: VecDeque::new() }
     }
@@ -48,7 +51,7 @@ impl Lbfgs {
         }
     }
 
-    /// Returns minus the inverse Hessian times a gradient.
+    /// Returns the search direction: minus the approximate inverse Hessian times `gradient`.
     pub(super) fn direction(&self, gradient: &[f64]) -> Vec<f64> {
         let mut r = gradient.to_vec();
         let mut along = Vec::with_capacity(self.pairs.len());

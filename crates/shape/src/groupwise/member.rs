@@ -54,7 +54,8 @@ pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(
 pub(super) struct Member {
     /// Coefficients (K, C) of the channels f.
     values: Array2<f64>,
-    /// Coefficients (K, 3 C) of `L_x f`, `L_y f` and `L_z f`, side by side.
+    /// Coefficients (K, 3 C) of `L_x f`, `L_y f` and `L_z f`, side by side: the [derivatives](crate::derivatives) of
+    /// the channels under rotations.
     derivatives: Array2<f64>,
 }
 
@@ -85,7 +86,8 @@ impl Member {
     }
 }
 
-/// Two transforms at the same directions, one up to the degree of the surfaces and one up to the degree of the fields.
+/// Two transforms at the same directions: one up to the degree of the surfaces, and one up to the degree of the tangent
+/// fields' potentials.
 pub(super) struct Plan {
     pub(super) surface: Transform,
     pub(super) field: Transform,

@@ -1,19 +1,19 @@
 //! Refines the correspondence of a group: finds a map of each member's sphere to itself, such that the group becomes as
 //! compact as its shapes allow.
 //!
-//! Members are surfaces f_i over the same sphere and in the same pose; they may or may not be registered. The
-//! refinement finds diffeomorphisms of the sphere, one per member, that minimise
+//! Members are surfaces f_i over the same sphere and in the same pose. They needn't be registered. The refinement finds
+//! diffeomorphisms of the sphere, one per member, that minimise
 //!
 //! ```text
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
 //! ```
 //!
 //! G is the covariance of the x_i over the surfaces' mean area, and E the elastic energy of a map. The first term is
-//! the description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007):
-//! few modes of variance cost less than many. Points stay exactly on their surfaces, and no triangle of the sphere is
-//! inverted. Unit normals, multiplied by a length, are channels in addition to the positions: without them, points
-//! slide along the surfaces to regions in which members differ least, which makes the group compact but the
-//! correspondence wrong. Stages proceed from low to high degrees of models and fields.
+//! the description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007). It
+//! is smaller if the variance is concentrated in few modes. Points stay exactly on their surfaces, and no triangle of
+//! the sphere is inverted. Unit normals, multiplied by a length, are channels in addition to the positions. Without
+//! normals, points slide along the surfaces to regions in which members differ least. The group then becomes compact,
+//! but the correspondence is wrong. The refinement proceeds in stages, from low to high degrees of models and fields.
 //!
 //! | module | contents |
 //! |---|---|
@@ -28,9 +28,9 @@
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
 //! | `descent`, `lbfgs` | one stage; directions of descent |
 //!
-//! Cost: a step evaluates 4 C functions of degree L and 12 of degree D per member at n directions, which takes 2 ms
-//! at L = 15 and 2,562 directions, and 15 ms at L = 40 and 10,242 directions. Memory: 3 values per channel, direction
-//! and member.
+//! Cost: a step evaluates `4 C` functions of degree L and 12 functions of degree D at n directions for each member.
+//! This takes 2 ms at L = 15 and 2,562 directions, and 15 ms at L = 40 and 10,242 directions. Memory: 3 values per
+//! channel, direction and member.
 
 mod descent;
 mod elastic;
@@ -85,11 +85,11 @@ pub struct Groupwise {
 
 /// Refines the correspondence of a group; see the [module](self).
 ///
-/// `members` are canonical coefficients (K, 3 + c) of each member: positions and c further channels, scaled so that a
-/// difference of 1 in a channel weighs as much as a distance of 1. All members are over the same sphere and in the same
-/// pose. `sphere` has the triangles and the directions at which members are compared: 2,562 directions suffice up to
-/// degree 15, 10,242 above. `mask` (n) holds a non-negative weight for each direction; a weight of 0 excludes the
-/// direction. Without a mask all weights are 1.
+/// `members` are canonical coefficients (K, 3 + c) of each member, for the position and c further channels. Scale the
+/// further channels so that a difference of 1 has the same weight as a distance of 1. All members are over the same
+/// sphere and in the same pose. `sphere` has the triangles and the directions at which members are compared. 2,562
+/// directions suffice up to degree 15, and 10,242 directions above degree 15. `mask` (n) holds a non-negative weight
+/// for each direction; a weight of 0 excludes the direction. Without a mask all weights are 1.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
@@ -205,8 +205,8 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Returns the members' channels, followed by the channels of the unit normals multiplied by a length, and the length.
-/// The length is `length` if given, otherwise the normals' weight times the square root of the members' mean area.
+/// Adds three channels to each member: the unit normals multiplied by a length. The length is `length` if given,
+/// otherwise `weight` times the square root of the members' mean area. Returns the extended members and the length.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,

@@ -1,6 +1,7 @@
 //! Computes the description length of a group and its derivatives with respect to the members' values.
 //!
-//! For N members with C channels at n directions, `x_i(u)`, m(u) their mean and w(u) weights that sum to 1,
+//! N members have C channels at n directions. x_i(u) are the values of member i, m(u) is their mean, and w(u) are
+//! weights that sum to 1. Then
 //!
 //! ```text
 //! G_ij = 1/N sum_u w(u) (x_i - m) . (x_j - m),    J = sum_k log(lambda_k(G) + delta) = log det(G + delta 1)
@@ -11,14 +12,15 @@
 //! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
 //! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Because weights follow the members'
 //! areas, J depends on the surfaces but not on the density of directions, and doesn't change if all members are
-//! reparameterised in the same way. The weights are differentiated as well: with fixed weights, a descent would gather
-//! directions in regions in which members agree, which doesn't decrease J. With `B = (G + delta 1)^-1` and y = x - m,
+//! reparameterised in the same way. The weights are differentiated as well. With fixed weights, a descent would gather
+//! directions in regions in which members agree, although this doesn't decrease J with the correct weights. With `B =
+//! (G + delta 1)^-1` and y = x - m,
 //!
 //! ```text
 //! q(u) = dJ/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dJ/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i
 //! ```
 //!
-//! (The first term sums to 0 over the members, so the derivative of the mean contributes nothing.)
+//! The first term of dJ/dx_i sums to 0 over the members, so the derivative of the mean contributes nothing.
 //!
 //! Cost: `2 N^2 n C` flops for a value and the same for a gradient. Memory: three arrays of (N, n C).
 
@@ -32,7 +34,8 @@ use crate::error::ShapeError;
 /// Number of rows of a matrix product that one task computes, independent of the number of threads.
 const ROWS: usize = 32;
 
-/// Minimum of delta, as a fraction of the mean area: the variance of deviations of 1e-8 times the area's square root.
+/// Minimum of the regularisation delta, as a fraction of the mean area. Deviations of 1e-8 times the square root of the
+/// area have this variance.
 const ROUNDING: f64 = 1e-16;
 
 /// Inputs of the objective that a descent doesn't change: triangles and weights.
@@ -105,13 +108,13 @@ impl Objective<'_> {
         Ok(Covariance { centred: values, mean, weights, areas, totals, gram })
     }
 
-    /// Returns the derivatives dJ/dx_i (N, n C) of the description length, given `inverse`, the matrix
-    /// `B = (G + delta 1)^-1`.
+    /// Returns the derivatives dJ/dx_i (N, n C) of the description length J with respect to the members' values x_i.
+    /// `inverse` is the matrix `B = (G + delta 1)^-1` (see the module).
     pub(super) fn covectors(&self, of: &Covariance, inverse: &Array2<f64>) -> Array2<f64> {
         let (members, directions) = (of.centred.nrows(), self.mask.len());
         let channels = of.mean.len() / directions;
         let mut found = product(inverse, &of.centred, false);
-        // The derivatives q(u) = dJ/dw(u), multiplied by the mask.
+        // The derivatives q(u) = dJ/dw(u) of the objective J with respect to the weights w(u), multiplied by the mask.
         let mut slopes = vec![0.0; directions];
         for (row, centred) in found.rows().into_iter().zip(of.centred.rows()) {
             let (row, centred) = (row.as_slice().unwrap_or_default(), centred.as_slice().unwrap_or_default());
@@ -160,8 +163,8 @@ impl Covariance {
         self.gram.diag().sum()
     }
 
-    /// Returns delta: the fraction `share` of the sum of variances, but at least [`ROUNDING`] times the mean area, so
-    /// that delta is positive even for identical members.
+    /// Returns delta, the constant that the objective adds to every variance. It is the fraction `share` of the sum of
+    /// variances, but at least [`ROUNDING`] times the mean area, so that it is positive even for identical members.
     pub(super) fn delta(&self, share: f64) -> f64 {
         let area = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
         (share * self.total()).max(ROUNDING * area)

@@ -4,20 +4,22 @@ use spharm_surface::Place;
 
 use crate::error::ShapeError;
 
-/// Settings of a stage: degrees of models and fields, and number of steps.
+/// Settings of a stage: the degree of the models, the degree of the fields along which directions are moved, and the
+/// number of steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageParams {
     /// Degree to which models are truncated, at least 1; models of lower degree are unchanged.
     pub max_degree: usize,
-    /// Degree of the fields' potentials, D, at least 1.
+    /// Degree D of the harmonic potentials of the tangent fields along which directions are moved, at least 1.
     pub field_degree: usize,
     /// Maximum number of steps.
     pub rounds: usize,
 }
 
 impl StageParams {
-    /// Returns the stages for models of degree `max_degree`: models truncated to degrees 6, 12 and 20 and models of
-    /// full degree, with fields of degrees 5, 10, 14 and 18. Stages beyond the models' degree are omitted.
+    /// Returns the stages for models of degree `max_degree`. The models are truncated to degrees 6, 12 and 20, and then
+    /// have their full degree. The fields of these stages have degrees 5, 10, 14 and 18. Stages beyond the models'
+    /// degree are omitted.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Vec<Self> {
         let mut stages = Vec::new();
@@ -38,27 +40,28 @@ impl StageParams {
 /// Settings of [`groupwise`](crate::groupwise::groupwise()).
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupwiseParams {
-    /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
+    /// Stages, from coarse to fine. By default the stages that [`StageParams::up_to`] returns for the members' degree.
     pub stages: Option<Vec<StageParams>>,
     /// Constant, above 0, that is added to variances before taking the logarithm, as a fraction of the sum of variances
-    /// at the start of a stage. A small value gives weight to small modes, which are mostly noise, and a large value
-    /// ignores them. 0.03 by default: for shapes with a moving bump the first mode then has 0.91 of the variance,
-    /// compared with 0.78 for a delta of 0.1, and landmarks of vertebrae are equally close with both values.
+    /// at the start of a stage. A small value gives weight to small modes, which are mostly noise. A large value
+    /// ignores them. 0.03 by default. For shapes with a moving bump, the first mode has 0.91 of the variance with a
+    /// delta of 0.03, and 0.78 with a delta of 0.1. For vertebrae, corresponding landmarks are equally close to each
+    /// other with both values.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
-    /// Weight of the unit normals as channels, as a fraction of the square root of the members' mean area; 0 omits
-    /// the normals. Without normals, points slide along the surface to regions in which members agree. 0.12 by
-    /// default: both smaller and larger values give larger distances for groups of known correspondence and for
-    /// landmarks of vertebrae.
+    /// Weight of the unit normals as channels, as a fraction of the square root of the members' mean area; 0 omits the
+    /// normals. Without normals, points slide along the surface to regions in which members agree. 0.12 by default.
+    /// Both smaller and larger values increase the distances between corresponding points, in groups of known
+    /// correspondence and for landmarks of vertebrae.
     pub normals: f64,
     /// Points of the sphere to hold fixed, such as landmarks; none by default.
     pub held: Vec<Place>,
-    /// Weight of the squared distances, in radians, between fixed points and their images. 1,000 by default: a distance
-    /// of 0.1 rad then adds 10 to the objective.
+    /// Weight of the squared distances, in radians, between fixed points and their images. 1,000 by default: with this
+    /// weight, a distance of 0.1 rad adds 10 to the objective.
     pub hold: f64,
-    /// Whether members are aligned rigidly to the mean in every round, for groups that aren't aligned yet. Off by
-    /// default.
+    /// Whether members are aligned rigidly to the mean in every round. Intended for groups that aren't aligned yet. Off
+    /// by default.
     pub together: bool,
     /// Minimum decrease of the objective per member and step. A stage ends after three consecutive steps with smaller
     /// decreases. 1e-4 by default.

@@ -6,11 +6,11 @@
 //! M = sum_k <x - m, e_k>^2 / (lambda_k + delta) + (|x - m|^2 - sum_k <x - m, e_k>^2) / delta
 //! ```
 //!
-//! from the group's mean m, with e_k the modes of the N members and lambda_k the variances of these modes, over the
+//! from the group's mean m. e_k are the modes of the N members, and lambda_k the variances of these modes, over the
 //! members' mean area (M. Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61,
-//! 1999). The member's cost is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if
-//! nothing else changes. So the member's points move as they would if the member were refined together with the group,
-//! but the group is unchanged.
+//! 1999). The member's cost is `log(1 + M / N)`. This cost is the member's contribution to the description length `log
+//! det(G + delta 1)` if nothing else changes. The member's points therefore move as if the member were refined together
+//! with the group, but the group is unchanged.
 //!
 //! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value per mode, channel and direction.
 
@@ -22,9 +22,10 @@ use super::objective::Objective;
 use crate::error::ShapeError;
 use crate::product::product;
 
-/// Modes with a variance below this fraction of delta are part of the residual term.
+/// Modes are treated as part of the residual term if their variance is below this fraction of delta, the constant that
+/// the objective adds to every variance.
 const LEAST: f64 = 0.02;
-/// Maximum number of modes. If there are more, those with the largest variance are kept.
+/// Maximum number of modes. If a group has more modes, the modes with the largest variances are kept.
 const MODES: usize = 64;
 
 /// Description of a finished group, truncated to the degree of one stage.
@@ -33,9 +34,10 @@ pub(super) struct Reference {
     mean: Vec<f64>,
     /// Weights of the directions, w (n).
     weights: Vec<f64>,
-    /// Modes e_k (modes, n C), orthonormal under the weights.
+    /// Modes e_k (modes, n C), orthonormal in the inner product with the directions' weights w.
     modes: Array2<f64>,
-    /// Factors `1 / delta - 1 / (lambda_k + delta)` of the modes' squared scores.
+    /// For each mode k, the factor `1 / delta - 1 / (lambda_k + delta)` of its squared score, which is subtracted from
+    /// `|x - m|^2 / delta` to give M (see the [module](self)).
     gains: Vec<f64>,
     delta: f64,
     members: f64,
@@ -50,7 +52,7 @@ impl Reference {
         let found = SymmetricEigen::new(gram.as_ref()).map_err(|_| ShapeError::NoDecomposition)?;
         let (variances, vectors) = (found.values(), found.vectors());
         let enough = |k: &usize| variances[*k] > LEAST * delta && variances[*k] > 0.0;
-        // The variances are in ascending order, so the last ones are kept.
+        // The variances are in ascending order, so the last modes are kept.
         let kept: Vec<usize> = (0..members).rev().filter(enough).take(MODES).collect();
         // The modes are e_k = sum_i u_ik y_i / sqrt(N lambda_k).
         let shares = Array2::from_shape_fn((kept.len(), members), |(row, i)| {

@@ -11,7 +11,7 @@ pub struct Distortion {
     pub rms: f64,
     /// Largest absolute value of the logarithm of the change of area.
     pub most: f64,
-    /// Fraction of triangles whose area changes by at most a factor of 8.
+    /// Fraction of the sphere's triangles whose area the maps change by at most a factor of 8.
     pub within_eight: f64,
 }
 
@@ -26,13 +26,14 @@ pub struct StageReport {
     pub evaluations: usize,
     /// Value of the objective before and after the stage. Values of different stages can't be compared.
     pub cost: [f64; 2],
-    /// Variance of the group before and after the stage, in the square of the models' unit: the mean squared distance
-    /// from the mean over the surface's area and all channels, including the weighted normals, at the stage's degree.
+    /// Variance of the group before and after the stage, in the square of the models' unit. It is the mean squared
+    /// distance from the mean, over the surface's area, at the stage's degree. All channels are included, also the
+    /// weighted normals.
     pub variance: [f64; 2],
     /// Change of areas after the stage.
     pub distortion: Distortion,
-    /// Whether the stage ended because steps hardly decreased the objective, rather than by its maximum number of
-    /// rounds.
+    /// Whether the stage ended because its last steps barely decreased the objective, and not because it reached its
+    /// maximum number of rounds.
     pub converged: bool,
 }
 

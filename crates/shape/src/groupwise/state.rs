@@ -4,9 +4,9 @@
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
 //! ```
 //!
-//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H
-//! of [`held`](super::held). If members are aligned within rounds, each is moved rigidly to the mean before G is
-//! computed, and its gradient is rotated back.
+//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H of
+//! [`held`](super::held). If members are aligned within rounds, each member is moved rigidly to the mean before G is
+//! computed. The member's gradient is then rotated back.
 //!
 //! Members are evaluated in parallel. Each evaluation creates a plan for the directions of a member, and drops it
 //! afterwards.
@@ -36,8 +36,8 @@ pub(super) struct Group<'a> {
     /// Weight of the elastic energy, mu.
     pub(super) elasticity: f64,
     pub(super) held: Held,
-    /// First channel of each triple of channels that rotates with the surface; `None` unless members are aligned within
-    /// rounds.
+    /// First channel of each triple of channels that rotates with the surface, such as the position; `None` unless
+    /// members are aligned rigidly in every round.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
     pub(super) field_degree: usize,
@@ -53,9 +53,10 @@ pub(super) struct State {
 
 /// Intermediate results from which the gradient is computed.
 enum Measured {
-    /// Results for all members of a group: the covariance G, and the inverse of `G + delta 1`.
+    /// Results for all members of a group: the covariance G, and the inverse of `G + delta I` for a constant delta.
     Group(Box<Covariance>, Array2<f64>),
-    /// Results for a single member: the derivatives of the cost with respect to the member's values, and its variance.
+    /// Results for a single member: the derivatives of the cost with respect to the member's values, and the variance
+    /// of these values.
     Member(Vec<f64>, f64),
 }
 
@@ -101,8 +102,8 @@ impl Group<'_> {
         Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
-    /// Returns the derivatives of the cost C with respect to the potentials of fields that are applied after the maps,
-    /// as concatenated arrays (K, 2), one per member.
+    /// Returns the derivatives of the cost C with respect to the potentials of tangent fields, which move the members'
+    /// mapped directions further. The result concatenates one array (K, 2) of derivatives per member.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
         let mut covectors = match &state.measured {
             Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),
@@ -142,7 +143,8 @@ impl Group<'_> {
 }
 
 impl State {
-    /// Returns the variance of the group, or of the single member about the group's mean.
+    /// Returns the variance of the group. If a single member is compared with a finished group, returns the member's
+    /// variance about the group's mean.
     pub(super) fn variance(&self) -> f64 {
         match &self.measured {
             Measured::Group(covariance, _) => covariance.total(),

@@ -35,8 +35,8 @@ fn stages(max_degree: usize, field_degree: usize, rounds: usize) -> GroupwisePar
     GroupwiseParams { stages: Some(vec![stage]), ..GroupwiseParams::default() }
 }
 
-/// The gradient equals the change of the objective along a field. The test has weights that follow the surfaces, a
-/// mask, normals, and the elastic energy of maps other than the identity.
+/// The gradient equals the rate of change of the objective along a field. The test includes weights that follow the
+/// surfaces, a mask, normals, and the elastic energy of maps other than the identity.
 #[test]
 fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);
@@ -101,7 +101,7 @@ fn the_objective_falls_no_triangle_turns_over_and_flows_are_inverted() {
     }
 }
 
-/// The sphere of the new member is rotated about an axis, and the refinement rotates it back as far as the elastic
+/// The sphere of the new member is rotated about an axis. The refinement rotates the sphere back as far as the elastic
 /// energy allows.
 #[test]
 fn a_new_member_comes_to_the_places_of_the_group() {
@@ -179,8 +179,8 @@ fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f6
     largest / covariance.total()
 }
 
-/// A body that grows along one axis has a single mode. Maps made separately for each member hide this mode, and the
-/// refinement recovers it.
+/// A body that grows along one axis has a single mode. If each member is mapped to the sphere separately, the members
+/// don't show this mode. The refinement recovers it.
 #[test]
 fn one_mode_is_found_again_under_maps_that_were_made_apart() {
     let sphere = Sphere::icosphere(3);

@@ -73,7 +73,7 @@ pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], b
     }
 }
 
-/// Returns the fraction of a surface's masked area that belongs to each direction.
+/// Returns for each direction its share of the surface's area inside the mask; 0 outside the mask.
 fn areas(row: &[f64], objective: &Objective<'_>) -> Vec<f64> {
     let at = corners(row, objective.mask.len());
     let mut found = vec![0.0; objective.mask.len()];

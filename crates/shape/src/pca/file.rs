@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((&back.modes.variances, &back.members), (&file.modes.variances, &file.members));
         assert_eq!(Model::read(&path).unwrap().coefficients.values(), &file.modes.mean);
         assert!(file.write(&path, false).is_err());
-        // The file has names for one member fewer than it has scores.
+        // The file has one member name fewer than rows of scores.
         let other = ShapeModel { members: file.members[1..].to_vec(), ..file };
         other.write(&path, true).unwrap();
         assert!(

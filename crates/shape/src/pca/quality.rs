@@ -1,7 +1,7 @@
 //! Measures how well the modes of a group represent shapes of the group's kind: generalisation and specificity.
 //!
 //! Both measures refer to the first k modes, for k = 1 to m, and are in the unit of length. *Generalisation* is the
-//! mean distance of a member from its nearest shape in the model of all other members; *specificity* is the mean
+//! mean distance of a member from its nearest shape in the model of all other members. *Specificity* is the mean
 //! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and random
 //! shapes are represented by their coordinates along the modes, which preserve distances. The cost therefore doesn't
 //! depend on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
@@ -136,8 +136,8 @@ mod tests {
         let modes = Modes::new(&views, 7).unwrap();
         let found = quality(&modes, 300, 5, &Silent).unwrap();
         for k in [1, 3, 6] {
-            // The expected generalisation is computed from the coefficients, by the distance of each member from the
-            // model of the others.
+            // The expected generalisation is the mean distance of each member from the model of the other members,
+            // computed from the coefficients.
             let left: f64 = (0..8)
                 .map(|i| {
                     let others: Vec<_> = (0..8).filter(|j| *j != i).map(|j| group[j].view()).collect();

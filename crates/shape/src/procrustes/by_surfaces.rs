@@ -2,13 +2,14 @@
 //! poses.
 //!
 //! The members' [surfaces are aligned](spharm_surface::pose::group_poses) first, with scale and mirror images if
-//! requested. Then the Procrustes analysis rotates only the parameters. Surfaces keep their relative positions: the
-//! centre of the mean is the origin, not the centre of each member.
+//! requested. Then the Procrustes analysis rotates only the parameters. Surfaces keep their positions relative to each
+//! other: the origin is the centre of the mean. Members aren't centred individually.
 //!
-//! Sampled points determine poses only to a thousandth of a surface's size, whereas an alignment by both rotations has
-//! no sampling error. That alignment is used instead if it brings the members' distances at equal directions below the
-//! distances between their surfaces in the sampled poses. The distance between two surfaces is at most their distance
-//! at equal directions, so the surfaces then fit each other at least as well.
+//! Sampled points determine poses only to a thousandth of a surface's size. A joint alignment, which searches the
+//! rotations of space and of the parameters together, has no sampling error. Its result is used if it reduces the
+//! members' distances at equal directions below the distances between their surfaces in the sampled poses. The surfaces
+//! then fit each other at least as well as in the sampled poses, because the distance between two surfaces is at most
+//! their distance at equal directions.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -23,10 +24,10 @@ use crate::group::{mean_of, spread_of};
 use crate::surface_poses::GAIN;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Distances between surfaces below this fraction of their size are within the sampling error.
+/// A distance between two surfaces below this fraction of the surfaces' size is within the sampling error.
 const ROUNDING: f64 = 1e-3;
 /// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
-/// equal directions may correspond, and an alignment by both rotations is tried.
+/// equal directions may correspond. The joint alignment is then tried.
 const NEAR: f64 = 2.0;
 /// A group is treated as a mix of two sides if at least this fraction of its members is nearer as mirror images. If
 /// there are fewer such members, each is reported individually.
@@ -88,7 +89,8 @@ pub(super) fn together(
             return Ok(exact);
         }
     }
-    // The alignment centred each member separately; this restores the members' positions relative to the common centre.
+    // The alignment centred each member separately. The members' positions relative to the common centre are now
+    // restored.
     let centres: Vec<[f64; 3]> =
         posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
     let count = centres.len() as f64;
@@ -126,8 +128,8 @@ fn spread_as_given(
 }
 
 /// Returns warnings about members whose mirror images are much nearer to the typical member than the members
-/// themselves. Members and images are compared at the typical member's size, because a difference in size adds to both
-/// distances alike, and each in its best pose, because a member's pose in the group may be wrong.
+/// themselves. Members and their mirror images are compared at the typical member's size, because a difference in size
+/// adds to both distances. Each is compared in its best pose, because a member's pose in the group may be wrong.
 fn mirrored(
     surfaces: &[PoseSurface],
     found: &GroupPoses,
@@ -158,7 +160,7 @@ fn mirrored(
     Ok(sides(named, surfaces.len()))
 }
 
-/// Replaces the warnings by a single one about two sides if many members are mirror images of the others.
+/// If many members are mirror images of the others, replaces the warnings by a single warning about two sides.
 fn sides(named: Vec<ProcrustesWarning>, of: usize) -> Vec<ProcrustesWarning> {
     let other: Vec<usize> = named.iter().filter_map(ProcrustesWarning::member).collect();
     if other.len() < 2 || (other.len() as f64) < SIDES * of as f64 {

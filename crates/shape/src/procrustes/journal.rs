@@ -15,8 +15,8 @@
 //! stiffness, 3 singular values, and 1 if directions are replaced by their opposites, otherwise 0. The values are
 //! followed by the CRC32C of the header, the record's index and the values.
 //!
-//! A run that is interrupted while writing leaves an incomplete record, and a power failure may leave blocks that were
-//! never written: everything after the last valid record is discarded and recomputed.
+//! A run that is interrupted while writing leaves an incomplete record. A power failure may leave blocks that were
+//! never written. Therefore everything after the last valid record is discarded and recomputed.
 
 use std::fs::{File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -42,9 +42,9 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     header: [u8; HEADER],
-    /// Poses from an earlier run that haven't been taken yet, in reverse order.
+    /// Poses from an earlier run that haven't been used yet, in reverse order.
     found: Vec<Pose>,
-    /// Number of poses taken or added so far.
+    /// Number of poses that this run has taken from the journal or added to it so far.
     number: u64,
 }
 
@@ -73,7 +73,7 @@ impl Journal {
         if start.len() < HEADER && header.starts_with(&start) {
             // The file is new, or writing was interrupted before the header was complete.
             file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0))).map_err(failed)?;
-            // The header is synced before any pose is written, so that a power failure may lose records, but not the
+            // The header is synced before any pose is written. A power failure may then lose records, but not the
             // header that identifies them.
             file.write_all(&header).and_then(|()| file.sync_data()).map_err(failed)?;
             return Ok(Self { path: path.to_owned(), file, header, found: Vec::new(), number: 0 });
@@ -111,7 +111,7 @@ impl Journal {
         taken
     }
 
-    /// Appends poses to the file, after the poses already taken or added.
+    /// Appends poses to the file, after the poses that this run has already taken from it or added to it.
     pub(super) fn add(&mut self, poses: &[Pose]) -> Result<(), ShapeError> {
         let mut bytes = Vec::with_capacity(RECORD * poses.len());
         for pose in poses {

@@ -1,19 +1,19 @@
 //! Detects members of a group that are mirror images of the others.
 //!
-//! Each member and its mirror image are aligned to the mean of the *others*, because a mirrored member would resemble
-//! a mean that includes it. The logarithm of the ratio of the two distances, x = ln(image / own), is positive if the
-//! member matches the others unmirrored. x depends on the shape, and is 0 for a shape equal to its mirror image. If
-//! all members differ from their mirror images by about the same amount, the x of a mirrored member is about minus
-//! the x of the others. A member is reported if
+//! Each member and its mirror image are aligned to the mean of the *others*, because a mirrored member would resemble a
+//! mean that includes it. The logarithm of the ratio of the two distances, x = ln(image / own), is positive if the
+//! member matches the others unmirrored. x depends on the shape, and is 0 for a shape equal to its mirror image. If all
+//! members differ from their mirror images by about the same amount, the value x of a mirrored member is about the
+//! negative of the other members' x. A member is reported if
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
-//! where s is the median absolute deviation of x from its median, divided by 0.6745. In generated groups of 6 and 20
-//! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members,
-//! and -0.16 or below for mirrored members (one or three of 20). For randomly perturbed ellipsoids it was -0.08 or
-//! above. Five correct hippocampi have x from -0.2 to 0.5, and none is reported; a mirrored hippocampus usually isn't
-//! reported either.
+//! where s is the median absolute deviation of x from its median, divided by 0.6745. The thresholds were tested with
+//! generated groups of 6 and 20 bodies that differ from each other by as much as from an ellipsoid. In these groups x
+//! was 0.19 or above for unmirrored members, and -0.16 or below for mirrored members. One or three of the 20 bodies
+//! were mirrored. For randomly perturbed ellipsoids, x was -0.08 or above. Five correct hippocampi have x from -0.2 to
+//! 0.5, and none is reported. A mirrored hippocampus usually isn't reported either.
 
 use std::borrow::Cow;
 
@@ -25,11 +25,12 @@ use crate::group::{Pose, Round};
 use crate::pair::object_only;
 use crate::refine::{Space, Target};
 
-/// Minimum number of members for a meaningful spread of x.
+/// Minimum number of members from which the spread of x is estimated, with x as defined at the top of this file.
 const LEAST: usize = 4;
-/// Minimum of the members' median x, and of -x for a mirrored member.
+/// A member is reported as mirrored only if its x ([`Judged::log`]) is at most minus this value, and the median of x
+/// over all members is at least this value.
 const CLEAR: f64 = 0.1;
-/// Minimum distance of a mirrored member's x from the median, in units of the spread s.
+/// A member is mirrored only if its x = ln(image / own) is below the median by more than this multiple of the spread s.
 const FAR: f64 = 5.0;
 /// Distances below this are treated as rounding errors, for surfaces of norm 1.
 const SAME: f64 = 1e-7;
@@ -41,7 +42,7 @@ pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     if count == 0 { 0.0 } else { 0.5 * (numbers[(count - 1) / 2] + numbers[count / 2]) }
 }
 
-/// Poses of a member and of its mirror image, each aligned to the mean of the others.
+/// Poses of a member and of its mirror image, each aligned to the mean of the other members.
 pub(super) struct Judged {
     pub(super) own: Pose,
     image: Pose,
@@ -50,15 +51,16 @@ pub(super) struct Judged {
 impl Judged {
     /// Returns x, the logarithm of the ratio of the distances, or `None` if both distances are rounding errors.
     pub(super) fn log(&self) -> Option<f64> {
-        // For copies of one surface and for points, the ratio carries no information.
+        // If both distances are rounding errors, as for copies of one surface and for points, their ratio has no
+        // meaning.
         let [own, image] = [&self.own, &self.image].map(|pose| pose.fit.distance);
         (own.max(image) > SAME).then(|| (image.max(SAME) / own.max(SAME)).ln())
     }
 }
 
 impl Group<'_> {
-    /// Returns warnings about members whose mirror images are nearer to the other members. The second value is true
-    /// if there are no such members, but some members hardly differ from their mirror images.
+    /// Returns a warning for each member whose mirror image is nearer to the other members than the member itself. The
+    /// second value is true if there are no such members, but some members differ little from their mirror images.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));
@@ -106,10 +108,10 @@ impl Group<'_> {
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// Searches the pose that aligns a member f(u) to the target. If `mirrored` is set, searches both mirror images of
-    /// the member instead, -f(-u), which is oriented outwards, and -f(u), which is inside out, and returns the pose of
-    /// the nearer one. If the group matches mirror images, an unmirrored member is also searched as f(-u), which is
-    /// inside out.
+    /// Finds the pose that best aligns a member f(u) to the target. If `mirrored` is set, two mirror images of the
+    /// member are tried instead of f(u): -f(-u), which is oriented outwards, and -f(u), which is inside out. If
+    /// `mirrored` isn't set but the group matches mirror images, f(u) and f(-u), which is inside out, are tried. If two
+    /// forms are tried, the pose of the form that is nearer to the target is returned.
     fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
         let unit = &self.units[index];
         if unit.norm == 0.0 || !(mirrored || self.mirror) {

@@ -1,17 +1,19 @@
 //! Detects groups that mix two sides: left and right members in about equal numbers.
 //!
 //! The mean of such a group belongs to neither side. Each member is then about as far from the mean as its mirror
-//! image, and no member stands out ([`mirrored`](super::mirrored)). So if members and their mirror images hardly
-//! differ, the group is aligned once more, with mirror images matched. This brings all members to one side; the members
-//! that had to be mirrored belong to the other side. Nearly symmetric shapes are mirrored at random, depending on which
-//! handedness happens to fit better. A group is therefore treated as two-sided only if mirroring matters,
+//! image, so the search for single mirrored members ([`mirrored`](super::mirrored)) finds none. If members and their
+//! mirror images are about equally far from the mean, the group is therefore aligned once more, with mirror images
+//! matched. This alignment brings all members to one side. The members that it mirrored belong to the other side.
+//! Nearly symmetric shapes are mirrored at random, because either handedness may fit slightly better. A group is
+//! therefore treated as two-sided only if mirroring matters,
 //!
 //! ```text
 //! ln(spread / spread with mirror images) > 0.2
 //! ```
 //!
-//! The sides of its members are known only if the logarithms x = ln(image / own), computed for each member against the
-//! others after the members have been mirrored as needed, satisfy
+//! The second alignment mirrors members as needed. For each member, the logarithm x = ln(image / own) is then computed,
+//! where `own` is the member's distance from the mean of the other members, and `image` is the distance of its mirror
+//! image. The sides of the members are known only if these logarithms satisfy
 //!
 //! ```text
 //! median > 0.5,   least > 0
@@ -19,8 +21,9 @@
 //!
 //! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to
 //! 0.06. It was 0.10 for five correct hippocampi, and 0.39 to 0.53 if one to four of them were mirrored. The median of
-//! x was -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose differences from each other lead to a
-//! partition other than into left and right. See docs/algorithms/alignment.md for a table of both quantities.
+//! x was -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi. Hippocampi differ so much from each other
+//! that the alignment doesn't separate left from right. See docs/algorithms/alignment.md for a table of both
+//! quantities.
 
 use super::mirrored::{Judged, median};
 use super::{Group, ProcrustesWarning};
@@ -29,12 +32,13 @@ use crate::group::Round;
 
 /// A group is two-sided if ln(spread / spread with mirror images) exceeds this value.
 const MATTERS: f64 = 0.2;
-/// Median of the logarithms x above which the members' sides are known.
+/// The members' sides are known only if the median of the members' logarithms x (see the [module](self)) exceeds this
+/// value.
 const KNOWN: f64 = 0.5;
 
 impl Group<'_> {
-    /// Returns a warning if the group mixes two sides. The warning lists the members of the smaller side; if both sides
-    /// have the same size, those of the side without the first member.
+    /// Returns a warning if the group mixes two sides. The warning lists the members of the smaller side. If both sides
+    /// have the same size, it lists the members of the side without the first member.
     pub(super) fn sides(&mut self, plain: &Round) -> Result<Option<ProcrustesWarning>, ShapeError> {
         self.mirror = true;
         let found = self.matched(plain);

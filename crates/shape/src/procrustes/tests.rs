@@ -83,8 +83,8 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are
-/// hardly ever reported, and unmirrored ones never.
+/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are rarely
+/// reported, and unmirrored hippocampi never.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {
@@ -125,7 +125,7 @@ fn a_group_of_both_sides_is_said() {
         assert!(mirrored < 0.8 * spread && spread == found.spread_after, "{warning}");
         assert!(warning.naming(|n| format!("file {n}")).ends_with("file 3, file 4, file 5"), "{warning}");
     }
-    // Members equal their mirror images except for random differences, so that no sides may be reported.
+    // Members equal their mirror images except for random differences, so a warning about two sides would be wrong.
     for differences in [0.05, 0.3] {
         let members = (0..8).map(|n| {
             let mut values = Array2::zeros((36, 3));
@@ -141,8 +141,8 @@ fn a_group_of_both_sides_is_said() {
         assert!(found.warnings.iter().all(|warning| warning.mirrored().is_empty()), "{found:?}");
         assert!(!found.warnings.iter().any(|warning| matches!(warning, ProcrustesWarning::Sides { .. })), "{found:?}");
     }
-    // For hippocampi, either two sides are reported or single members that stand out, and all members named are of
-    // one side.
+    // For hippocampi, the warnings report either two sides or single mirrored members. All members that they list are
+    // from the same side.
     let Some(surfaces) = hippocampi("foe") else { return };
     for mirrored in 1..5 {
         let mut mixed = surfaces.clone();
@@ -230,7 +230,7 @@ fn a_group_by_its_surfaces_comes_together_from_any_pose() {
         let turned: Vec<Coefficients> =
             members.iter().enumerate().map(|(n, member)| posed(member, &some_pose(seed + n))).collect();
         let found = procrustes(&turned, &params, &Silent).unwrap();
-        // The reported mean and distances equal those computed from the aligned members.
+        // The reported mean and distances equal the values computed from the aligned members.
         let moved: Vec<Coefficients> =
             turned.iter().zip(&found.transforms).map(|(member, t)| t.apply(member, &Silent).unwrap()).collect();
         let mean = crate::mean(&moved).unwrap();

@@ -1,10 +1,11 @@
 //! Computes confidence bands of the quality measures by a bootstrap over the members.
 //!
-//! Members are drawn with replacement, and all measures are recomputed for the draw; if a member is excluded, so are
-//! all its copies. A draw contains only about 63 % of the members. A shape is farther from these than from all
-//! members, so a draw's measures are systematically larger than the group's. Bands are therefore the quantiles of the
-//! draws relative to their median, centred on the group's value (the pivot of B. Efron and R. J. Tibshirani, An
-//! Introduction to the Bootstrap (1993), chapter 10, for a bias caused by the resampling).
+//! Members are drawn with replacement, and all measures are recomputed for the draw. If a member is excluded, all its
+//! copies in the draw are excluded as well. A draw contains only about 63 % of the different members. A shape's nearest
+//! member in the draw is farther away than its nearest member in the group, so a draw's measures are systematically
+//! larger than the group's. Bands are therefore the quantiles of the draws relative to their median, centred on the
+//! group's value. This corrects the bias caused by the resampling (B. Efron and R. J. Tibshirani, An Introduction to
+//! the Bootstrap (1993), chapter 10).
 //!
 //! In draws from large groups, only 20 members are excluded in turn, and modes are computed from the leading
 //! `5 m + 50` coordinates.
@@ -19,11 +20,12 @@ use super::curves::{Curves, Model, leave_out, mean_of, nearest};
 use super::params::{Curve, QualityParams};
 use crate::ShapeError;
 
-/// Maximum number of members excluded in turn from a draw.
+/// Maximum number of members that are excluded, one at a time, from a draw of the bootstrap.
 const LEFT_OUT: usize = 20;
 /// Quantiles of a 95 % band.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
-/// First random stream of the draws, above the streams of random shapes.
+/// Index of the first stream of random numbers for the bootstrap draws. The streams of random shapes have lower
+/// indices.
 const STREAM: u64 = 1 << 40;
 
 const STAGE: Stage = Stage::counted("bands", "draws");
@@ -92,8 +94,8 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     }
 }
 
-/// Returns the curve of `values` with a band. The band consists of quantiles of the draws, shifted from the median of
-/// the draws to the values, and clamped to the range from 0 to `highest`.
+/// Returns the curve of `values` with a band. The band consists of quantiles of the bootstrap draws. It is shifted so
+/// that the draws' median becomes `values`, and clamped to the range from 0 to `highest`.
 fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
     if draws.is_empty() {

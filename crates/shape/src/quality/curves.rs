@@ -1,6 +1,7 @@
 //! Computes compactness, generalisation and specificity from coordinates that preserve the distances between members.
 //!
-//! In a bootstrap a member may have several rows, which are all excluded together.
+//! In a draw of the bootstrap, a member may occur in several rows. If the member is excluded, all its rows are
+//! excluded.
 
 use ndarray::{Array2, ArrayView1, Axis};
 use rayon::prelude::*;
@@ -10,11 +11,11 @@ use spharm_monitor::Monitor;
 use crate::ShapeError;
 use crate::pca::quality::normal;
 
-/// Maximum number of members that are excluded one at a time; in a larger group, only every `n / 200`th member is
+/// Maximum number of members that are excluded one at a time. In a larger group, only every `n / 200`th member is
 /// excluded.
 pub(super) const LEFT_OUT: usize = 200;
-/// Minimum standard deviation of a mode, as a fraction of the first mode's. Smaller modes are rounding errors,
-/// without a meaningful direction.
+/// Modes are ignored if their standard deviation is at most this fraction of the first mode's. Such modes are rounding
+/// errors, without a meaningful direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
 /// Measures of the first k modes, for k = 1 to m.
@@ -26,18 +27,20 @@ pub(super) struct Curves {
 
 /// Principal components of a set of rows.
 pub(super) struct Model {
-    /// Coordinates (rows, modes) of the rows along the modes.
+    /// Coordinates (rows, modes) of the members' rows along the modes.
     pub(super) scores: Array2<f64>,
     /// Variances along the modes, in decreasing order.
     pub(super) variances: Vec<f64>,
-    /// Member of each row.
+    /// Index of the member to which each row belongs.
     pub(super) rows: Vec<usize>,
-    /// Weights (modes, rows) of the rows in the modes: each mode is the weighted sum of the rows.
+    /// Weights (modes, rows): each mode is a weighted sum of the members' rows, with the weights in the mode's row of
+    /// this matrix.
     pub(super) loadings: Array2<f64>,
 }
 
 impl Model {
-    /// Computes the modes of the given rows of members with the coordinates `scores` (n, d).
+    /// Computes the modes of some members, given by their indices `rows`. `scores` (n, d) has the coordinates of all
+    /// members.
     pub(super) fn of(scores: &Array2<f64>, rows: &[usize]) -> Result<Self, ShapeError> {
         let own = scores.select(Axis(0), rows);
         let mean = own.mean_axis(Axis(0)).ok_or(ShapeError::TooFewMembers { found: rows.len(), least: 3 })?;
@@ -89,13 +92,13 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
 
 /// An excluded member, compared with the modes of the other members.
 pub(super) struct Left {
-    /// Distances (m) from the first k modes of the other members, for k = 1 to m; if they have fewer than k modes, the
-    /// distance from all of their modes.
+    /// For k = 1 to m, the distance of the member from its nearest shape in the model with the first k modes of the
+    /// other members. If the other members have fewer than k modes, the model has all of their modes.
     pub(super) distances: Vec<f64>,
     /// Index of the excluded member.
     pub(super) member: usize,
-    /// Factors of the model's rows for each k (m): the nearest shape is the sum of the rows multiplied by these
-    /// factors.
+    /// For each k from 1 to m, a factor for each member. The sum of the members multiplied by these factors is the
+    /// shape in the span of the first k modes that is nearest to the excluded member.
     pub(super) factors: Vec<Vec<f64>>,
 }
 
@@ -104,7 +107,7 @@ pub(super) fn left_out(members: usize, most: usize) -> impl Iterator<Item = usiz
     (0..members).step_by(members.div_ceil(most).max(1))
 }
 
-/// Excludes members one at a time, and compares each with the modes of the others.
+/// Excludes members one at a time, and compares each excluded member with the modes of the other members.
 pub(super) fn leave_out(
     model: &Model,
     most: usize,
@@ -135,7 +138,8 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
     let rest = &model.scores.row(own) - &mean;
     let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
     let mut square: f64 = rest.iter().map(|value| value * value).sum();
-    // Mode k is `u_k^T C / s_k`, so the coordinate of the remainder r along it is `u_k . (C r) / s_k`.
+    // C is `centred`, with left singular vectors u_k and singular values s_k. Mode k is `u_k^T C / s_k`, so the
+    // coordinate of the remainder r (`rest`) along mode k is `u_k . (C r) / s_k`.
     let products: Vec<f64> =
         centred.rows().into_iter().map(|row| row.iter().zip(&rest).map(|(a, b)| a * b).sum()).collect();
     let mut factors = vec![0.0; model.rows.len()];
@@ -159,7 +163,8 @@ pub(super) struct Near {
     pub(super) distances: Vec<f64>,
     /// Coordinates of the shape along all modes.
     pub(super) along: Vec<f64>,
-    /// Rows of the nearest and the second nearest member, for each k (m).
+    /// For each number k of modes (m): the two members nearest to the shape truncated to k modes, the nearest first, as
+    /// row indices of the model's scores.
     pub(super) rows: Vec<[usize; 2]>,
 }
 

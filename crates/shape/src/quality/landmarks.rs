@@ -1,5 +1,6 @@
-//! Measures landmark errors, which show whether equal directions correspond: the distances, on a member, between the
-//! points at the directions that different members give for the same landmark.
+//! Measures landmark errors, which show whether equal directions correspond. The same landmark has a direction in each
+//! member. A landmark error is the distance, on one member's surface, between the points at the directions from two
+//! members.
 //!
 //! A manually placed landmark p of member i is assigned the direction u of the nearest point on the member's surface.
 //! The error of the pair of members i and k is the distance between f_k(u) and f_k(u'), where u' is the direction of

@@ -1,6 +1,6 @@
-//! Measures the quality of a group's correspondence: compactness, generalisation and specificity of its modes, with
-//! points weighted by surface area; generalisation and specificity by the distance between surfaces; and errors of
-//! landmarks.
+//! Measures the quality of a group's correspondence. The measures are compactness, generalisation and specificity of
+//! the group's modes, with points weighted by surface area, and errors of landmarks. Generalisation and specificity are
+//! also measured by the distance between surfaces.
 //!
 //! Members are evaluated at the directions u of an icosphere, which gives points x_i(u). The weight w(u) of a direction
 //! is the fraction of a member's area that belongs to the vertex, averaged over the members, so that
@@ -9,21 +9,21 @@
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
 //! ```
 //!
-//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may
-//! occupy most of the directions. After moving the members' centres of area to the origin, the measures of the first
-//! k modes, k = 1 to m, are:
+//! With these weights, distances are root mean squares over the surface. Root mean squares over the sphere would be
+//! less suitable, because a thin process of the surface may occupy most of the directions. The members' centres of area
+//! are moved to the origin. The measures of the first k modes, k = 1 to m, are:
 //!
 //! - *compactness*: the fraction of the variance along the modes;
 //! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all other members;
 //! - *specificity*: the mean distance of a random combination of the modes from the nearest member.
 //!
-//! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three measures
-//! improve if directions slide to regions in which members differ least, so none of them proves correspondence. A
-//! proof needs external knowledge, such as [`landmarks`].
+//! These measures are from M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI
+//! (2003). All three measures improve if directions slide to regions in which members differ least, so none of them
+//! proves correspondence. A proof needs external knowledge, such as [`landmarks`].
 //!
-//! *Between surfaces*, generalisation and specificity are also measured by distances to the nearest points of the other
-//! surface, as the area-weighted mean of the distances from both surfaces. Sliding along the surface can't reduce these
-//! distances.
+//! *Distances between surfaces* give a second version of generalisation and specificity. The distance between two
+//! surfaces is the area-weighted mean of the distances from points of each surface to the nearest points of the other
+//! surface. Sliding points along a surface can't reduce this distance.
 //!
 //! *Bands* are computed by a bootstrap over the members; see `bands`.
 //!
@@ -57,15 +57,16 @@ pub struct GroupQuality {
     pub variances: Vec<f64>,
     /// Fraction of the variance along the first k modes.
     pub compactness: Curve,
-    /// Mean distance of a member from the modes of the other members.
+    /// Mean distance of a member from its nearest shape in the first k modes of the other members.
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
     /// Generalisation by the distance between surfaces, if requested. Its band is from a bootstrap over the members'
-    /// distances alone.
+    /// distances. The modes aren't recomputed for each draw.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces, without a band, if requested. For each of the first 100 random
-    /// shapes, this is the distance from the nearer of the two members that are nearest at corresponding points.
+    /// Specificity by the distance between surfaces, without a band, if requested. It is computed for the first 100
+    /// random shapes. Each shape is compared with the two members that are nearest at corresponding points, and the
+    /// smaller distance is used.
     pub surface_specificity: Option<Curve>,
     /// Errors of the landmarks, if landmarks were given.
     pub landmarks: Option<LandmarkErrors>,
@@ -82,9 +83,10 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// [`ShapeError::TooFewMembers`] if there are fewer than 3 members; [`ShapeError::Setting`] if the number of modes or
 /// samples is 0, or the mask keeps no area of a surface; [`ShapeError::Member`] if [`extent`](crate::extent::extent)
-/// rejects a member; [`ShapeError::Differ`] if the number of landmarks or of their members differs, or the mask is of
-/// another icosphere; [`ShapeError::NotFiniteValue`] if a landmark isn't finite; [`ShapeError::NoDecomposition`] if a
-/// decomposition doesn't converge; [`ShapeError::Interrupted`] if the monitor cancels.
+/// rejects a member; [`ShapeError::Differ`] if the number of landmarks differs between members, the number of lists of
+/// landmarks isn't the number of members, or the mask's length isn't the icosphere's number of directions;
+/// [`ShapeError::NotFiniteValue`] if a landmark isn't finite; [`ShapeError::NoDecomposition`] if a decomposition
+/// doesn't converge; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn group_quality(
     members: &[Coefficients],
     landmarks: Option<&[Vec<Vec3>]>,

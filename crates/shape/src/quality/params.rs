@@ -3,7 +3,7 @@
 /// Settings of [`group_quality`](super::group_quality).
 #[derive(Debug, Clone, PartialEq)]
 pub struct QualityParams {
-    /// Maximum number of modes, m; there are at most n - 1.
+    /// Maximum number of modes, m. A group of n members has at most n - 1 modes.
     pub modes: usize,
     /// Number of random shapes for the specificity.
     pub samples: usize,

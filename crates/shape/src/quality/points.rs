@@ -15,7 +15,8 @@ use crate::ShapeError;
 use crate::extent::extent;
 use spharm_surface::kabsch::kabsch;
 
-/// Maximum number of rounds of rotating members to the mean and recomputing the mean; two are enough in practice.
+/// Maximum number of rounds of rotating members to the mean and recomputing the mean. In practice two rounds are
+/// enough.
 const ROUNDS: usize = 5;
 
 const STAGE: Stage = Stage::counted("evaluate", "models");
@@ -127,7 +128,7 @@ impl Points {
     }
 
     /// Returns coordinates (n, d) of the members that have mean 0 and preserve the distances between members: `V
-    /// S^(1/2)` with G = V S V^T.
+    /// S^(1/2)`, where `V S V^T` is the eigendecomposition of the Gram matrix of the members' deviations from the mean.
     pub(super) fn scores(&self) -> Result<Array2<f64>, ShapeError> {
         let (n, mean) = (self.members.len(), self.mean());
         let off: Vec<Vec<Vec3>> = self

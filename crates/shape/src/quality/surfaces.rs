@@ -1,5 +1,5 @@
 //! Computes generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances
-//! from the points of each surface to the nearest points of the other.
+//! from the points of each surface to the nearest points of the other surface.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -15,7 +15,8 @@ const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
 
-/// A list of distances for each member or shape, by the number of modes.
+/// A row for each member (generalisation) or each random shape (specificity): its distance for each number of modes,
+/// from 1 on.
 type Rows = Vec<Vec<f64>>;
 
 /// A surface with its search tree and area weights, prepared for distances in both directions.
@@ -32,9 +33,9 @@ impl Side {
         Self { vertices: mesh.vertices, shares, tree }
     }
 
-    /// Returns the mean distance to the other surface, or infinity if its sum with `before` is above `most`. For each
-    /// vertex, `near` (V) has the triangle of the other surface from which the search starts, and is set to the nearest
-    /// triangle.
+    /// Returns the mean distance to the other surface, or infinity if `before` plus this distance exceeds `most`. For
+    /// each vertex, `near` (V) has the triangle of the other surface from which the search starts. The search replaces
+    /// it by the nearest triangle.
     fn mean_to(&self, other: &Self, near: &mut [u32], before: f64, most: f64) -> f64 {
         let mut sum = 0.0;
         for ((p, share), near) in self.vertices.iter().zip(&self.shares).zip(near) {
@@ -59,8 +60,8 @@ impl Side {
     }
 }
 
-/// For each of two surfaces, the triangles of the other surface nearest to the V vertices. The search for the next
-/// shape, which has one mode more, starts from these triangles.
+/// Nearest triangles of two surfaces: for each of the V vertices of one surface, the nearest triangle of the other
+/// surface. The search for the next shape, which has one more mode, starts from these triangles.
 #[derive(Clone)]
 struct Nearby {
     there: Vec<u32>,
@@ -79,8 +80,10 @@ impl Nearby {
     }
 }
 
-/// Returns the distances (members, m) of excluded members from their nearest shapes, and the distances (shapes, m) of
-/// random shapes from the nearest members, by the number of modes.
+/// Returns two tables of distances between surfaces, each with a column for every number of modes from 1 to m. The
+/// first table (members, m) has the distances of the excluded members `left` from the shapes that approximate them by
+/// modes of the other members. The second table (shapes, m) has the distances of random shapes from the members nearest
+/// to them.
 pub(super) fn distances(
     points: &Points,
     model: &Model,
@@ -97,7 +100,8 @@ pub(super) fn distances(
         let (mut distances, mut nearby) = (Vec::with_capacity(most), start.clone());
         for k in 0..most {
             monitor.check()?;
-            // The other members have no further modes, so the nearest shape and its distance are unchanged.
+            // If the other members have no further mode, the nearest shape and its distance are the same as with one
+            // mode fewer.
             if k > 0 && left.factors[k] == left.factors[k - 1] {
                 distances.push(distances[k - 1]);
                 continue;

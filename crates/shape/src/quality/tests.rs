@@ -34,7 +34,8 @@ fn norm(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-/// Returns the distance of a member from the span of the first modes of the others, by power iteration on the points.
+/// Returns the distance of a member from the span of the first modes of the other members, by power iteration on the
+/// points.
 fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
     let others: Vec<usize> = (0..y.nrows()).filter(|i| *i != member).collect();
     let there = y.select(Axis(0), &others);
@@ -124,7 +125,8 @@ fn measures_are_what_they_are_defined_as() {
 
 #[test]
 fn weights_are_shares_of_the_area() {
-    // The surface is a needle, with nearly all area along its length, but a third of the directions at its ends.
+    // The surface is a needle. Nearly all of its area is along its length, but a third of the directions are at its
+    // ends.
     let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], &at_level(4), &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();

@@ -1,11 +1,11 @@
 //! Generates the relabellings of a study: all of them if there are few, otherwise random ones.
 //!
-//! Units, which are single subjects or whole blocks ([`Blocks`](super::Blocks)), are exchanged within sets.
-//! Exchanging units with equal rows of the design has no effect, so only arrangements of distinct units are counted.
-//! A set of m units in which distinct units occur k_1, k_2, ... times has `m! / (k_1! k_2! ...)` arrangements, or
-//! `C(n, n_1)` for two groups, and the numbers of all sets are multiplied. u units have `2^u` sign flips. If
-//! permutations and sign flips are combined, both numbers are multiplied. Random relabelling b is drawn from stream b
-//! of ChaCha8, so it depends only on b and the seed, not on the number of threads.
+//! Units, which are single subjects or whole blocks ([`Blocks`](super::Blocks)), are exchanged within sets. Exchanging
+//! units with equal rows of the design has no effect, so only arrangements of distinct units are counted. A set of m
+//! units in which distinct units occur k_1, k_2, ... times has `m! / (k_1! k_2! ...)` arrangements. For two groups,
+//! this is `C(n, n_1)`. The total number of arrangements is the product of the numbers of all sets. u units have `2^u`
+//! sign flips. If permutations and sign flips are combined, both numbers are multiplied. Random relabelling b is drawn
+//! from stream b of ChaCha8, so it depends only on b and the seed, not on the number of threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ use super::resampling::Resampling;
 /// The relabellings of n subjects that a test uses: all possible ones, or random ones.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrangements {
-    /// Sets of units that can be exchanged with each other.
+    /// Sets of units (observations that stay together) that can be exchanged with each other.
     sets: Vec<Set>,
     /// Number of subjects, n.
     subjects: usize,
@@ -29,8 +29,8 @@ pub(crate) struct Arrangements {
     pub(crate) exact: bool,
 }
 
-/// A relabelling. For each subject, it has the index of the subject whose row of the design replaces the subject's own
-/// row, and a sign.
+/// A relabelling, with an index and a sign for each subject. The row of the design at this index replaces the subject's
+/// own row.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 /// Returns the original labels of n subjects.
@@ -73,7 +73,7 @@ impl Set {
         for (place, unit) in self.units.iter().enumerate() {
             let remaining = (self.units.len() - place) as u128;
             for (class, count) in counts.iter_mut().enumerate() {
-                // Number of arrangements of the remaining units that begin with this class.
+                // Number of arrangements of the remaining units that begin with a unit of this class.
                 let here = arrangements * u128::from(*count) / remaining;
                 if u128::from(index) < here {
                     put(unit, &self.units[self.distinct[class]], relabelling);
@@ -87,7 +87,7 @@ impl Set {
     }
 }
 
-/// Gives the subjects of one unit the rows of another unit.
+/// Assigns the rows of the unit `rows_of` to the subjects of `unit`, in order.
 fn put(unit: &Unit, rows_of: &Unit, relabelling: &mut Relabelling) {
     unit.iter().zip(rows_of).for_each(|(subject, from)| relabelling[*subject as usize].0 = *from);
 }
@@ -250,7 +250,7 @@ mod tests {
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
         assert_eq!(found[100..200], random.range(100, 200)[..]);
-        // Subject 0 is at each of the 40 positions about 100 times, and 5 standard deviations are 50.
+        // Subject 0 is expected 100 times at each of the 40 positions. The tolerance of 50 is 5 standard deviations.
         let mut places = [0; 40];
         found[1..].iter().for_each(|order| places[order.iter().position(|(of, _)| *of == 0).unwrap()] += 1);
         assert!(places.iter().all(|&count| (50..150).contains(&count)), "{places:?}");

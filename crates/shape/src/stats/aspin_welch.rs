@@ -1,9 +1,9 @@
 //! Tests contrasts of any design for groups of observations with unequal variances: Aspin and Welch's v, and its
 //! generalisation G to several contrasts.
 //!
-//! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014), section 2.5. With `E_g` the residuals of variance group g, `R` the
-//! residual-forming matrix and B the least-squares coefficients,
+//! The statistics are from A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation
+//! inference for the general linear model", NeuroImage 92 (2014), section 2.5. `E_g` are the residuals of variance
+//! group g, `R` is the residual-forming matrix, and B are the least-squares coefficients:
 //!
 //! ```text
 //! w_g = sum of R_ii over g / |E_g|^2,   W = diag of w_g,
@@ -13,11 +13,10 @@
 //!
 //! For a contrast of one row, G is the square of v, and v is Welch's t for two groups. For one variance group, G is F.
 //!
-//! v and G are the statistics that are compared between relabellings. If groups share a coefficient, `(X^T W X)^-1` is
-//! the covariance of weighted estimates instead of that of B. Standard errors, margins and uncorrected p values are
-//! therefore based on the covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii`
-//! and `C B = U^T Q^T y`. With `V_g` the term of group g, `f_g` its sum of `R_ii`, `a_g = tr (V_g V^-1)^2` and
-//! `b_g = (tr V_g V^-1)^2`,
+//! Relabellings are compared by v or G. If groups share a coefficient, `(X^T W X)^-1` isn't the covariance of B but the
+//! covariance of weighted estimates. Standard errors, margins and uncorrected p values are therefore based on the
+//! covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii` and `C B = U^T Q^T y`.
+//! With `V_g` the term of group g, `f_g` its sum of `R_ii`, `a_g = tr (V_g V^-1)^2` and `b_g = (tr V_g V^-1)^2`,
 //!
 //! ```text
 //! (C B)^T V^-1 (C B) / (q k),   k = 1 + 2 / (q (q + 2)) sum_g (q a_g - b_g) / f_g
@@ -29,10 +28,11 @@
 //!
 //! # Relabellings
 //!
-//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each of K
-//! variance groups g. These are products of at most `K (p + 1)` rows of length n with arrays (n, V). At a vertex, the
-//! coefficients are `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`. A Cholesky
-//! factor of order p follows. Cost: `2 n V K (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
+//! Q is an orthonormal basis of the design. For a relabelled study y, the statistics are computed from `Q_g^T y_g` and
+//! `|y_g|^2` for each of K variance groups g. These are products of at most `K (p + 1)` rows of length n with arrays
+//! (n, V). At a vertex, the coefficients are `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T
+//! Q_g^T Q_g a`. Then a matrix of order p is factorised by Cholesky's method. Cost: `2 n V K (p + 1)` flops and about
+//! `V p^3` per relabelling. Memory: `16 n V` bytes.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
@@ -63,18 +63,18 @@ pub(crate) struct AspinWelch {
 
 struct VarianceGroup {
     size: f64,
-    /// Degrees of freedom of the group's errors: the sum of `R_ii` over the group.
+    /// Degrees of freedom of the group's errors: the sum of `R_ii` over the group, with the residual-forming matrix R.
     freedom: f64,
-    /// Gram matrix `Q_g^T Q_g` (p, p) of the group's rows.
+    /// Gram matrix `Q_g^T Q_g` (p, p) of `Q_g`, the group's rows of the basis Q.
     gram: Array2<f64>,
-    /// Gram matrix `U^T Q_g^T Q_g U` (q, q), projected onto the contrast's rows.
+    /// Matrix `U^T Q_g^T Q_g U` (q, q): the Gram matrix projected onto the contrast, with `U` the field `contrast`.
     tested: Array2<f64>,
 }
 
 /// Results at one vertex.
 #[derive(Clone, Copy)]
 struct AtVertex {
-    /// The statistic G, with the sign of the estimate for a contrast of one row; NaN without variance.
+    /// The statistic G; NaN at a vertex without variance. For a contrast of one row, G has the sign of the estimate.
     signed: f64,
     /// Estimate of the first row of the contrast; `variance` is the variance of this estimate.
     estimate: f64,
@@ -158,8 +158,9 @@ impl AspinWelch {
         (Statistic::T { freedom: least }, column(&v), p, Some(effect))
     }
 
-    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
-    /// vertex of the run and the [signed statistics](AtVertex::signed) in the run; 0 at vertices without variance.
+    /// Calls `use_it` for each relabelling and each range of vertices. The arguments are the index of the relabelling,
+    /// the first vertex of the range, and the [signed statistics](AtVertex::signed) of the range, which are 0 at
+    /// vertices without variance.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let mut signed = Vec::new();
         self.each(relabellings, false, |which, first, found| {
@@ -203,12 +204,13 @@ impl AspinWelch {
         }
     }
 
-    /// Computes the statistic at a vertex from the sums in `work`; if `detailed`, also the variance, F and its
-    /// degrees of freedom.
+    /// Computes the statistic at a vertex from the sums in `work`. If `detailed` is set, also computes the variance of
+    /// the estimate, F and its degrees of freedom.
     fn at(&self, floor: f64, work: &mut Work, detailed: bool) -> AtVertex {
         let (p, q) = self.contrast.dim();
         let Work { sums, squares, coefficients, weights, scatter, small, columns, estimate } = work;
-        // The groups' sums of squares are differences, so their rounding errors are proportional to the terms' sizes.
+        // A group's sum of squared errors is a difference of larger terms, so its rounding error is proportional to the
+        // size of these terms.
         let rounding = 64.0 * self.of.len() as f64 * f64::EPSILON;
         let floor = floor.max(rounding * squares.iter().sum::<f64>() / squares.len() as f64);
         coefficients.fill(0.0);
@@ -275,8 +277,8 @@ impl AspinWelch {
         AtVertex { signed, estimate: estimate[0], variance, wald, errors, freedom }
     }
 
-    /// Returns the variance of the first row's estimate, F of all rows, and the degrees of freedom of F, given the
-    /// sum of squared errors of each group.
+    /// Returns the variance of the estimate of the contrast's first row, the F statistic of all rows of the contrast,
+    /// and the degrees of freedom of F. `squares` is the sum of squared errors of each group.
     fn wald(&self, squares: &[f64], estimate: &[f64]) -> (f64, f64, f64) {
         let q = self.contrast.ncols();
         let variances: Vec<f64> =

@@ -1,9 +1,8 @@
 //! Defines exchangeability blocks: sets of observations that depend on each other, such as the visits of a subject or
 //! the members of a family.
 //!
-//! A. M. Winkler, M. A. Webster, D. Vidaurre, T. E. Nichols and S. M. Smith, "Multi-level block permutation",
-//! NeuroImage 123 (2015). Relabellings exchange observations within each block, or exchange whole blocks of the same
-//! size.
+//! Relabellings exchange observations within each block, or exchange whole blocks of the same size (A. M. Winkler, M.
+//! A. Webster, D. Vidaurre, T. E. Nichols and S. M. Smith, "Multi-level block permutation", NeuroImage 123, 2015).
 
 use std::collections::BTreeMap;
 use std::collections::HashMap;
@@ -18,10 +17,11 @@ use super::design::{Design, dot, orthonormalise};
 pub enum Exchange {
     /// Observations are exchanged only within their block, and signs are flipped independently.
     Within,
-    /// Whole blocks of the same size are exchanged, and all signs of a block are flipped together. Observations
-    /// correspond by the columns of the design that vary within blocks, such as the visit, if the blocks have equal
-    /// values there; otherwise by the rank of the column that varies within blocks, such as the age; if several columns
-    /// vary, by their order in the table.
+    /// Whole blocks of the same size are exchanged, and all signs of a block are flipped together. Three rules
+    /// determine which observations of two blocks correspond. If blocks have equal values in columns of the design that
+    /// vary within blocks, such as the visit, observations with equal values correspond. Otherwise, if a single column
+    /// varies within blocks, such as the age, observations correspond by their rank in this column. If several columns
+    /// vary, observations correspond by their order in the table.
     Whole,
 }
 
@@ -70,8 +70,8 @@ impl Blocks {
         &self.of
     }
 
-    /// Returns whether the design has a level for each block of several observations, so that its errors don't contain
-    /// the blocks' differences.
+    /// Returns whether the design has a level for each block of several observations. The errors of such a design don't
+    /// include the differences between blocks.
     pub(crate) fn are_in(&self, design: &Design) -> bool {
         let (basis, _) = orthonormalise(design.matrix());
         (0..self.count()).all(|block| {
@@ -81,7 +81,8 @@ impl Blocks {
         })
     }
 
-    /// Returns the sets of units that can be exchanged with each other. Each observation belongs to one unit.
+    /// Returns the sets of units that can be exchanged with each other. A unit consists of observations that stay
+    /// together. Each observation belongs to one unit.
     pub(crate) fn sets(&self) -> Vec<Vec<Unit>> {
         let mut blocks: Vec<Unit> = vec![Vec::new(); self.count()];
         self.of.iter().enumerate().for_each(|(i, block)| blocks[*block].push(i as u32));
@@ -96,13 +97,14 @@ impl Blocks {
     }
 }
 
-/// Sorts the observations of whole blocks, so that corresponding observations of all blocks have the same position. `x`
-/// (n, p) is the design. Also returns whether observations of a set correspond only by their order, though the design
-/// varies within its blocks.
+/// Sorts the observations within each block, so that corresponding observations of all blocks of a set have the same
+/// position. `x` (n, p) is the design. Also returns whether, in some set, the design varies within blocks but doesn't
+/// determine which observations correspond. These observations correspond only by their order.
 pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> (Vec<Vec<Unit>>, bool) {
     let varies = |column: &usize| sets.iter().flatten().any(|unit| varies_in(unit, x, *column));
     let columns: Vec<usize> = (0..x.ncols()).filter(varies).collect();
-    // If each level has a slope, its column is zero for other levels; the columns' sum doesn't depend on the level.
+    // If the design has a column for the slope of each level, an observation is zero in the columns of the other
+    // levels. Therefore compare the sums of these columns, which don't depend on the level.
     let sum = |i: u32| vec![columns.iter().map(|column| x[[i as usize, *column]]).sum::<f64>()];
     let mut by_order = false;
     for set in &mut sets {
@@ -112,8 +114,9 @@ pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> (Vec<
         if set.len() == 1 || varying.iter().all(Vec::is_empty) {
             continue;
         }
-        // Columns whose values differ between blocks, such as the age, don't say which observations correspond; nor do
-        // columns that vary only in blocks of other sizes.
+        // Columns whose values differ between blocks, such as the age, don't determine which observations correspond.
+        // The same holds for columns that are constant within all blocks of this set, and vary only in blocks of other
+        // sets.
         let is_shared = |column: &usize| {
             varying.iter().any(|columns| columns.contains(column)) && has_equal_values(set, x, *column)
         };
@@ -132,9 +135,10 @@ fn varies_in(unit: &Unit, x: ArrayView2<'_, f64>, column: usize) -> bool {
     unit.iter().any(|i| x[[*i as usize, column]] != x[[unit[0] as usize, column]])
 }
 
-/// Sorts the observations of each unit by the column that varies in the unit, such as the age; each group may have such
-/// a column of its own. Of several columns, the others must be proportional to the first one, as its interactions with
-/// columns that are constant in the unit are. Returns whether this is so.
+/// Sorts the observations of each unit by the column that varies in the unit, such as the age. Each group may have a
+/// separate column for its slope. If several columns vary, they must be proportional to each other within the unit.
+/// This is the case if they are a column and its interactions with columns that are constant in the unit. Returns
+/// whether the observations were sorted.
 fn sort_by_rank(set: &mut [Unit], x: ArrayView2<'_, f64>, varying: &[Vec<usize>]) -> bool {
     let first = varying[0].first();
     let is_common = varying.iter().all(|columns| columns.first() == first);
@@ -151,8 +155,8 @@ fn sort_by_rank(set: &mut [Unit], x: ArrayView2<'_, f64>, varying: &[Vec<usize>]
     is_ranked
 }
 
-/// Returns whether two columns are proportional within a unit. They aren't centred, because two numbers are always
-/// proportional to two others after centring.
+/// Returns whether two columns are proportional within a unit. The columns aren't centred, because any two centred
+/// columns of two numbers are proportional.
 fn is_proportional(unit: &Unit, x: ArrayView2<'_, f64>, columns: [usize; 2]) -> bool {
     let [a, b] = columns.map(|column| unit.iter().map(|i| x[[*i as usize, column]]).collect::<Vec<_>>());
     let (ratio, tolerance) = (dot(&a, &b) / dot(&a, &a), 1e-9 * dot(&b, &b).sqrt());
@@ -174,7 +178,7 @@ fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(1.0)
 }
 
-/// Sorts the observations of each unit by a key, if the units have equal keys. Returns whether this is so.
+/// Sorts the observations of each unit by a key, if all units have the same keys. Returns whether this is the case.
 fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) -> bool {
     let order = |a: &Vec<f64>, b: &Vec<f64>| {
         a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
@@ -211,7 +215,7 @@ pub fn numbered<T: Eq + Hash>(names: impl IntoIterator<Item = T>) -> Vec<usize> 
     names.into_iter().map(of).collect()
 }
 
-/// Returns whether the observations of two units have equal rows, in order.
+/// Returns whether the i-th observations of two units have equal rows in `rows`, for every i.
 pub(crate) fn are_equal(a: &Unit, b: &Unit, rows: ArrayView2<'_, f64>) -> bool {
     let equal = |(a, b): (&u32, &u32)| {
         rows.row(*a as usize).iter().zip(rows.row(*b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12)
@@ -255,8 +259,9 @@ mod tests {
         // The first column is the visit, the second one the age.
         let aged = matrix([[0.5, 33.0], [-0.5, 30.0], [-0.5, 51.0], [0.5, 54.0], [0.5, 70.0], [-0.5, 67.0]]);
         assert_eq!(aligned(sets(), aged.view()), by_visit);
-        // Rows whose ages differ between all blocks correspond by their rank, also if each group has a slope, or if
-        // another column is the product of the group and the age.
+        // If the ages differ between all blocks, the rows of different blocks are matched by the rank of their age.
+        // This is also the case if each group has its own slope of age, or if another column is the product of the
+        // group and the age.
         let ages = matrix([[1.0, 33.0], [1.0, 30.0], [0.0, 51.0], [0.0, 54.0], [0.0, 70.0], [0.0, 71.0]]);
         let by_rank = (vec![vec![vec![1, 0], vec![2, 3], vec![4, 5]]], false);
         assert_eq!(aligned(sets(), ages.view()), by_rank);
@@ -264,7 +269,7 @@ mod tests {
         assert_eq!(aligned(sets(), slopes.view()), by_rank);
         let product = matrix([[33.0, 9.9], [30.0, 9.0], [51.0, -51.0], [54.0, -54.0], [70.0, 7.0], [71.0, 7.1]]);
         assert_eq!(aligned(sets(), product.view()), by_rank);
-        // Blocks of two rows are all in one group, blocks of three rows in the other.
+        // All blocks of two rows are in one group, and all blocks of three rows are in the other group.
         let slopes = ndarray::array![
             [33.0, 0.0],
             [30.0, 0.0],
@@ -280,7 +285,7 @@ mod tests {
         let by_size = Blocks::new(["a", "a", "b", "b", "c", "c", "c", "d", "d", "d"], Exchange::Whole).sets();
         let sorted = vec![vec![vec![1, 0], vec![2, 3]], vec![vec![4, 5, 6], vec![8, 9, 7]]];
         assert_eq!(aligned(by_size, slopes.view()), (sorted, false));
-        // Two columns that vary in different ways leave the order of the table, also in blocks of two rows.
+        // If two columns vary and aren't proportional, rows stay in the order of the table, also in blocks of two rows.
         let doses = matrix([[33.0, 2.0], [30.0, 9.0], [51.0, 4.0], [54.0, 1.0], [70.0, 7.0], [71.0, 3.0]]);
         assert_eq!(aligned(sets(), doses.view()), (sets(), true));
         let doses = matrix([[33.0, 2.0], [30.0, 9.0], [31.0, 4.0], [51.0, 4.0], [54.0, 1.0], [57.0, 7.0]]);

@@ -1,9 +1,9 @@
 //! Parses contrasts: linear combinations of a design's columns, such as `patient - control`.
 //!
-//! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them. Weights are
-//! numbers or fractions such as `1/3`. Names may contain spaces, signs and digits: of all names that match, the
-//! longest is taken. A name may be in double quotes, and must be if it is also a combination of other columns, such as
-//! a level `a - b` beside levels `a` and `b`.
+//! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them. Weights are numbers
+//! or fractions such as `1/3`. Names may contain spaces, signs and digits. If several names match, the longest name is
+//! used. A name may be in double quotes. It must be in double quotes if it can also be read as a combination of other
+//! columns, such as a level `a - b` in a design with levels `a` and `b`.
 
 use ndarray::Array2;
 
@@ -58,7 +58,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
             sign = if rest.starts_with(['-', '\u{2212}']) { -1.0 } else { 1.0 };
             rest = signed.unwrap_or(rest).trim_start();
         }
-        // A name is tried before a weight, because names of levels may be numbers.
+        // Try to parse a column's name before a weight, because names of levels may be numbers.
         let (weight, named) = match column_at(rest, names) {
             Some(_) => (1.0, rest),
             None => weight_at(rest).unwrap_or((1.0, rest)),
@@ -112,8 +112,8 @@ fn name_at(text: &str) -> &str {
 }
 
 /// Finds the column whose name, with or without double quotes, is at the start of the text and is followed by a sign or
-/// the end of the text; of several columns, the one with the longest name. Returns the column and the text after its
-/// name.
+/// the end of the text. If several columns match, the column with the longest name is returned. Returns the column and
+/// the text after its name.
 fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     let candidates = names.iter().enumerate().filter_map(|(column, name)| {
         let quoted = || text.strip_prefix('"')?.strip_prefix(name.as_str())?.strip_prefix('"');

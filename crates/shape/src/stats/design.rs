@@ -55,8 +55,8 @@ impl Design {
         Self::new(matrix, (1..=sizes.len()).map(|group| format!("group {group}")).collect())
     }
 
-    /// Adds the covariates (n, k) as columns. Each is centred by subtracting its mean, so that the coefficients of the
-    /// other columns keep their meaning.
+    /// Adds the covariates (n, k) as columns. Each covariate is centred by subtracting its mean, so that the
+    /// coefficients of the other columns keep their meaning.
     ///
     /// # Errors
     ///

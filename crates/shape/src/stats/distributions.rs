@@ -29,7 +29,7 @@ fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
     if v.is_infinite() {
         return 0.0;
     }
-    // Of x and 1 - x, the smaller one has full relative precision.
+    // The smaller of x and 1 - x has full relative precision.
     let (x, rest) = (u / (u + v), v / (u + v));
     if x <= 0.5 { beta_reg(a, b, x) } else { 1.0 - beta_reg(b, a, rest) }
 }

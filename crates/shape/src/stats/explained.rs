@@ -19,8 +19,8 @@ pub(crate) struct Explained<'a> {
 }
 
 impl<'a> Explained<'a> {
-    /// Prepares the evaluation from the residuals of the reduced model and the values, both (n, V d). `orthogonal` is
-    /// whether relabelled residuals stay orthogonal to the reduced model.
+    /// Prepares the evaluation from the residuals of the reduced model and the values, both (n, V d). `orthogonal`
+    /// states whether relabelled residuals stay orthogonal to the reduced model.
     pub(crate) fn new(
         mut reduced: Array2<f64>,
         values: ArrayView2<'_, f64>,
@@ -48,15 +48,15 @@ impl<'a> Explained<'a> {
         Self { whitened: reduced, components, model, orthogonal }
     }
 
-    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
-    /// vertex of the run and the explained fractions in the run. For one component and a contrast of one row, fractions
-    /// have the sign of the estimate.
+    /// Calls `use_it` for each relabelling and each range of vertices. The arguments are the index of the relabelling,
+    /// the first vertex of the range, and the explained fractions in the range. For one component and a contrast of one
+    /// row, fractions have the sign of the estimate.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (effect, nuisance, d) = (&self.model.effect, &self.model.nuisance, self.components);
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
         let each = q + z;
         let n = effect.nrows();
-        // The rows of a relabelling are those of the effect, followed by those of the reduced model.
+        // For each relabelling, the rows of the effect are followed by the rows of the reduced model.
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         for (relabelling, mut rows) in relabellings.iter().zip(rows.axis_chunks_iter_mut(Axis(0), each)) {
             for (i, (from, sign)) in relabelling.iter().enumerate() {
@@ -95,8 +95,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Returns the explained fraction `u = b (1 - g^T g)^-1 b^T`, summed over rows b. The first q rows of `products` are
-/// b, and the others are g.
+/// Returns the explained fraction `u = b (1 - g^T g)^-1 b^T`, summed over the rows of b, with b and g as defined in
+/// [`permutation`](super::permutation). The first q rows of `products` are b, and the others are g.
 fn explained(products: ArrayView2<'_, f64>, q: usize) -> f64 {
     let d = products.ncols();
     if d == 1 {

@@ -1,15 +1,17 @@
 //! Fits the linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
 //!
-//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2, the errors have
-//! the sum of squares `W = T - b^T b` and v = n - p degrees of freedom. The statistics are
+//! `projection` has the orthonormal bases of the design, which has p columns. Q_E (n, q) is the basis of the part that
+//! a contrast of q rows tests, and Y (n, d) are the values at a vertex. With b = Q_E^T Y and T = |residual of the
+//! reduced model|^2, the errors have the sum of squares `W = T - b^T b` and v = n - p degrees of freedom. The
+//! statistics are
 //!
 //! - d = 1, one row: `t = b / sqrt(W / v)`;
 //! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` with (q, v) degrees of freedom;
 //! - d > 1, one row: `T^2 = v b W^-1 b^T`, for which `(v - d + 1) / (v d) T^2` is F with (d, v - d + 1) degrees of
 //!   freedom (T. W. Anderson, "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2).
 //!
-//! A design of two groups gives the two-sample tests, and a design of the mean alone the one-sample tests. Cost: about
-//! `2 n V d (2 p + q + 2)` flops.
+//! With a design of two groups, these are the two-sample tests. With a design of the mean alone, they are the
+//! one-sample tests. Cost: about `2 n V d (2 p + q + 2)` flops.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -29,21 +31,21 @@ use crate::product::product;
 pub enum Statistic {
     /// Student's t.
     T {
-        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
+        /// Degrees of freedom of the errors; for unequal variances, the minimum over all vertices.
         freedom: f64,
     },
     /// Fisher's F.
     F {
         /// Number of rows of the contrast.
         between: f64,
-        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
+        /// Degrees of freedom of the errors; for unequal variances, the minimum over all vertices.
         within: f64,
     },
     /// Hotelling's `T^2`.
     TSquared {
         /// Number of components per vertex, d.
         components: usize,
-        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
+        /// Degrees of freedom of the errors; for unequal variances, the minimum over all vertices.
         freedom: f64,
     },
 }
@@ -86,7 +88,8 @@ pub struct Effect {
     /// Half the widths of the estimates' confidence intervals (V, d).
     pub margin: Array2<f64>,
     /// Effect sizes (V): the estimate divided by the errors' standard deviation. This is Cohen's d for two groups
-    /// without covariates, and the Mahalanobis distance for d > 1. NaN at vertices without variance.
+    /// without covariates, and the Mahalanobis distance for measurements of d > 1 components. NaN at vertices without
+    /// variance.
     pub size: Vec<f64>,
 }
 
@@ -187,8 +190,8 @@ pub(crate) fn statistics(
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());
     let vertices = values.ncols() / components;
-    // A sum of squares up to the floor of its column, which depends on the size of the column's values, is a rounding
-    // error.
+    // Each column has a floor, which depends on the size of the column's values. A sum of squares up to this floor is a
+    // rounding error.
     let floor = floors(values);
     if components == 1 {
         let squares = column_squares(errors.view());
@@ -255,8 +258,7 @@ pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     sums
 }
 
-/// Returns an upper bound, for each column, of the sum of squares that rounding errors of the column's values can
-/// cause.
+/// For each column, returns an upper bound of the sum of squares that rounding errors of the column's values can cause.
 pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let n = values.nrows() as f64;
     column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()
@@ -344,7 +346,7 @@ impl Small {
     /// Returns `tr (S M^-1)^2` and `(tr S M^-1)^2` for the factorised matrix M and the symmetric matrix S whose
     /// elements `element` returns.
     pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> [f64; 2] {
-        // B = L^-1 S L^-T has the same traces of powers as S M^-1.
+        // With M = L L^T, the matrix B = L^-1 S L^-T is similar to S M^-1, so their powers have the same traces.
         let d = self.size;
         let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| element(i, j)).collect()).collect();
         b.iter_mut().for_each(|row| self.whiten(row));

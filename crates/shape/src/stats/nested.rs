@@ -1,5 +1,5 @@
-//! Leaves out the main effects of an interaction that a covariate contains, such as the effect of the group if the
-//! subjects are a covariate: each subject is in one group.
+//! Leaves out a main effect of an interaction if a covariate already contains this main effect. For example, if the
+//! subjects are a covariate, they contain the effect of the group, because each subject is in one group.
 //!
 //! The remaining columns span the same space, and the interaction has the same meaning.
 
@@ -7,7 +7,8 @@ use std::collections::HashMap;
 
 use super::terms::{Coded, Column, Term, distinct};
 
-/// Returns the name of a covariate with levels within each of which the column is constant, if there is one.
+/// Returns the name of the first covariate with levels such that `column` is constant within each level, or `None` if
+/// no covariate has this property.
 pub(crate) fn container<'a>(name: &str, column: &Column, covariates: &'a [Term]) -> Option<&'a str> {
     covariates.iter().find_map(|term| match term {
         Term::Column(other, Column::Levels(of)) if other != name && is_constant(column, of) => Some(other.as_str()),
@@ -26,8 +27,9 @@ fn is_constant(column: &Column, of: &[String]) -> bool {
     }
 }
 
-/// Removes the columns and weights of a main effect that a covariate contains from the design of an interaction of two
-/// columns. The base consists of the columns of levels or of the constant.
+/// If a covariate contains a main effect of an interaction of two columns, removes the columns and weights of this main
+/// effect from the interaction's design. The design consists of `base`, which has the columns of levels or the
+/// constant, and `slopes`.
 pub(crate) fn leave_out(
     (base, slopes, weights): (&mut Coded, &mut Coded, &mut [Vec<f64>]),
     columns: &[(String, Column); 2],
@@ -37,7 +39,8 @@ pub(crate) fn leave_out(
     let contained = [container(first, a, covariates).is_some(), container(second, b, covariates).is_some()];
     let n = a.len();
     let levels = base.len();
-    // Of two contained effects, the interaction is contained, too, which the design reports.
+    // If covariates contain both main effects, they contain the interaction as well. Creating the design then fails
+    // because of linear dependence.
     let kept: Vec<bool> = match (a, b, contained) {
         (Column::Levels(_), Column::Levels(of), [true, false]) => {
             let count = distinct(of).len();
@@ -73,7 +76,7 @@ pub(crate) fn leave_out(
     }
 }
 
-/// Removes the items for which `kept` is false; items beyond the end of `kept` stay.
+/// Removes the items for which `kept` is false. Items beyond the end of `kept` aren't removed.
 fn retain<T>(items: &mut Vec<T>, kept: &[bool]) {
     let mut kept = kept.iter().copied().chain(std::iter::repeat(true));
     items.retain(|_| kept.next().unwrap_or(true));

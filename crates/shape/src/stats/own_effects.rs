@@ -2,10 +2,11 @@
 //!
 //! Relabellings within blocks assume that the effect is equal in all blocks. Otherwise, differences between the blocks'
 //! effects add to the estimate's variance, but not to the variance of the relabelled estimates. The model is compared
-//! with a model in which each block has a mean and an effect of its own, by F over all values together. Its degrees of
-//! freedom are multiplied by the effective number of independent values, `(tr G)^2 / tr G^2`, where `G = E E^T` for the
-//! residuals E (S. Greenhouse and S. Geisser, "On methods in the analysis of profile data", Psychometrika 24 (1959)). G
-//! is (n, n), so this number is a lower bound for rough maps: it can't exceed n minus the rank of the model.
+//! with a model in which each block has its own mean and its own effect. The comparison uses a single F statistic for
+//! all values together. The degrees of freedom of F are multiplied by the effective number of independent values, `(tr
+//! G)^2 / tr G^2`, where `G = E E^T` for the residuals E (S. Greenhouse and S. Geisser, "On methods in the analysis of
+//! profile data", Psychometrika 24 (1959)). Because G is an (n, n) matrix, this number can't exceed n minus the rank of
+//! the model. For rough maps it is therefore only a lower bound of the number of independent values.
 
 use ndarray::{Array2, ArrayView2, Axis, concatenate, s};
 
@@ -16,14 +17,17 @@ use super::linear::floors;
 use super::projection::{Projection, without};
 use crate::product::{COLUMNS, product};
 
-/// Smallest norm of a block's part of the effect, a unit vector, that isn't a rounding error.
+/// Each column of the effect is a unit vector over the rows. A block's part of such a vector is treated as a rounding
+/// error if its norm is at most this value.
 const SMALLEST: f64 = 1e-6;
 
-/// Largest number of rows whose matrix G (32 MB) is computed.
+/// The comparison is skipped if there are more rows than this, because G, a square matrix with as many rows, would take
+/// more than 32 MB.
 const MOST_ROWS: usize = 2000;
 
-/// Returns F and its p value for the hypothesis that the effect is equal in all blocks; `None` if the effect doesn't
-/// vary within blocks, if the blocks have too few rows, for example two each, or if there are more than [`MOST_ROWS`].
+/// Returns F and its p value for the hypothesis that the effect is equal in all blocks. Returns `None` if the effect
+/// doesn't vary within blocks, if the blocks have too few rows (for example two rows each), or if there are more than
+/// [`MOST_ROWS`] rows.
 pub(crate) fn differ(
     values: ArrayView2<'_, f64>,
     design: &Design,
@@ -46,7 +50,8 @@ pub(crate) fn differ(
             }
         }
     }
-    // The own effects of a single column are orthogonal to each other and to the means.
+    // If the effect has one column, the columns of `own` are orthogonal to each other and to the blocks' means. The
+    // rank of these columns together is therefore known before the decomposition: `count + own.len()`.
     if own.is_empty() || model.effect.ncols() == 1 && count + own.len() >= n {
         return None;
     }

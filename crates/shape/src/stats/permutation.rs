@@ -2,21 +2,24 @@
 //! a vertex.
 //!
 //! The method is single-step max-T (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993)). The
-//! residuals of the reduced model are relabelled by permutations of subjects or sign flips, see [`Resampling`] (D.
-//! Freedman and D. Lane, "A nonstochastic interpretation of reported significance levels", J. Bus. Econ. Stat. 1
-//! (1983)). If there are at most [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values
-//! are exact. With B random relabellings, of which `count` reach the statistic, p is `(count + 1) / (B + 1)`.
+//! residuals of the reduced model are relabelled by permutations of subjects or by sign flips; see [`Resampling`]. This
+//! relabelling is from D. Freedman and D. Lane, "A nonstochastic interpretation of reported significance levels", J.
+//! Bus. Econ. Stat. 1 (1983). If there are at most [`PermutationParams::exact_up_to`] relabellings, all of them are
+//! used and p values are exact. With B random relabellings, of which `count` reach the statistic, p is `(count + 1) /
+//! (B + 1)`.
 //!
 //! # Computation
 //!
-//! The residuals e of the reduced model are whitened once at each vertex, so that their d components are uncorrelated
-//! with sums of squares of one. For a signed permutation P, let `b = (P^T Q_E)^T e` and `g = (P^T Q_Z)^T e`, which
-//! are products of rows of length n with (n, V d). The effect explains the fraction `u = b (1 - g^T g)^-1 b^T` of the
-//! reduced model's scatter. This fraction increases with |t|, F and `T^2` (`T^2 = v u / (1 - u)`), so that only u
-//! needs to be compared. For permutations g is 0 if the reduced model is a constant. `welch_flips` computes the
-//! statistics for unequal variances. Cost: `2 n V d p` flops per relabelling, or `2 n V d q` if the reduced model is a
-//! constant; 10,000 relabellings of 100 subjects with one value at each of 10,242 vertices take 2e10 flops. Memory:
-//! `8 n V d` bytes for the residuals, and 2 MB per thread.
+//! The residuals e of the reduced model are whitened once at each vertex. The d components of e are then uncorrelated,
+//! and each has a sum of squares of 1. The columns of Q_E (n, q) and Q_Z (n, p - q) are orthonormal bases of the tested
+//! part of the design and of the reduced model. Let P be a signed permutation, `b = (P^T Q_E)^T e`, and `g = (P^T
+//! Q_Z)^T e`. Both are products of rows of length n with the residuals (n, V d). The effect explains the fraction `u =
+//! b (1 - g^T g)^-1 b^T` of the reduced model's scatter. This fraction u increases with |t|, F and `T^2`, so that only
+//! u needs to be compared. For v degrees of freedom, `T^2 = v u / (1 - u)`. For permutations g is 0 if the reduced
+//! model is a constant. `welch_flips` computes the statistics for unequal variances. Cost: `2 n V d p` flops per
+//! relabelling, or `2 n V d q` if the reduced model is a constant. For example, 10,000 relabellings of 100 subjects
+//! with one value at each of 10,242 vertices take 2e10 flops. Memory: `8 n V d` bytes for the residuals, and 2 MB per
+//! thread.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -43,7 +46,7 @@ pub const MAX_RELABELLINGS: usize = 100_000_000;
 pub struct PermutationParams {
     /// Number of random relabellings, 1 to [`MAX_RELABELLINGS`]. Default: 10,000.
     pub count: usize,
-    /// If there are at most this many possible relabellings, all of them are used instead of random ones. At most
+    /// If at most this number of relabellings is possible, all of them are used instead of random relabellings. At most
     /// [`MAX_RELABELLINGS`]. Default: 20,000.
     pub exact_up_to: usize,
     /// Seed of the random relabellings. Default: 0.
@@ -59,11 +62,11 @@ impl Default for PermutationParams {
 /// P values at each of V vertices, computed from relabelled studies.
 #[derive(Debug, Clone)]
 pub struct FamilyWise {
-    /// Family-wise p values (V): the probability, without an effect at any vertex, that the largest statistic over all
-    /// vertices is at least the vertex's statistic.
+    /// Family-wise p values (V). If there is no effect at any vertex, this is the probability that the largest
+    /// statistic over all vertices reaches the vertex's statistic.
     pub p: Vec<f64>,
-    /// Uncorrected p values (V) that don't assume normal errors: the probability, without an effect, that the statistic
-    /// at the vertex is at least as large as the one found.
+    /// Uncorrected p values (V) that don't assume normal errors. If there is no effect, this is the probability that
+    /// the statistic at the vertex is at least as large as the observed statistic.
     pub pointwise: Vec<f64>,
     /// Kind of relabelling used.
     pub resampling: Resampling,
@@ -81,7 +84,8 @@ pub struct FamilyWise {
 
 /// Number of relabellings whose matrix products are computed together.
 const BATCH: usize = 64;
-/// Number of random relabellings from which the share of those that leave the statistics unchanged is estimated.
+/// Number of random relabellings that are examined to estimate what fraction of all relabellings leaves the statistics
+/// unchanged.
 const LOOKED: usize = 1000;
 /// Relative difference up to which statistics are treated as equal, because of rounding errors.
 const TIE: f64 = 1e-9;
@@ -92,14 +96,15 @@ const STAGE: Stage = Stage::counted("permutations", "relabellings");
 pub(crate) enum Compared<'a> {
     /// The statistics t, F or `T^2` with pooled variances.
     Pooled,
-    /// Welch's t or its `T^2` of two groups, given the group of each subject.
+    /// Welch's t or Welch's `T^2` of two groups, given the group of each subject.
     Welch(&'a [usize]),
-    /// Aspin and Welch's v or G, given the variance group of each subject.
+    /// Aspin and Welch's v, or its generalisation G, given the variance group of each subject.
     VarianceGroups(&'a AspinWelch, &'a [usize]),
 }
 
-/// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`, and whether rows of whole
-/// blocks are exchanged that correspond by their order only; `None` if no relabelling changes the statistics.
+/// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`. Also returns whether whole
+/// blocks are exchanged whose rows correspond only by their order. Returns `None` if no relabelling changes the
+/// statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -150,7 +155,8 @@ pub(crate) fn family_wise(
     }
     let asked = blocks.is_some() || test.errors.is_some();
     if asked && resampling == Resampling::Permutations && units_are_equal(&sets, &model.tested) {
-        // Blocks of the same size only help if blocks of different sizes have different values.
+        // If blocks of different sizes have different values in the tested columns, the error asks for blocks of the
+        // same size.
         let tested = model.tested.view();
         let is_in = |row: u32, unit: &Unit| unit.iter().any(|other| are_equal(&vec![row], &vec![*other], tested));
         let within = |a: &Unit, b: &Unit| a.iter().all(|row| is_in(*row, b));
@@ -287,7 +293,7 @@ fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
 /// Returns the smallest possible p value: the fraction of the relabellings that have the same statistics as the
 /// original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
-    // Whole variance groups may be swapped, so that each has the variance of another.
+    // Relabellings that swap whole variance groups are allowed. Each group then has the variance of another group.
     let in_groups = |relabelling: &Relabelling| {
         let keeps = |groups: &[usize]| {
             let mut other = vec![None; groups.len()];
@@ -306,7 +312,8 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
             batch.iter().filter(|of| in_groups(of) && model.unchanged_by(of)).count()
         })
         .sum();
-    // Of random relabellings, the first one has the original labels, and the others are a sample of all.
+    // Of random relabellings, the first has the original labels, and the others are a sample of all possible
+    // relabellings.
     let others = unchanged.saturating_sub(1) as f64 * (arrangements.count - 1) as f64 / (looked - 1).max(1) as f64;
     (1.0 + others) / arrangements.count as f64
 }
@@ -315,15 +322,15 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
 enum Share<'a> {
     /// Evaluates the fraction of the scatter that the effect explains, for pooled variances.
     Explained(Explained<'a>),
-    /// Evaluates the squares of Welch's t, or its `T^2`, for two groups.
+    /// Evaluates, for two groups, the square of Welch's t, or its multivariate form `T^2`.
     Welch(WelchFlips),
     /// Evaluates the square of Aspin and Welch's v, or G.
     VarianceGroups(&'a AspinWelch),
 }
 
 impl Share<'_> {
-    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
-    /// vertex of the run and the values in the run.
+    /// Calls `use_it` for each relabelling and each range of vertices. The arguments are the index of the relabelling,
+    /// the first vertex of the range, and the values in the range.
     fn evaluate(&self, relabellings: &[Relabelling], use_it: impl FnMut(usize, usize, &[f64])) {
         match self {
             Self::Explained(explained) => explained.evaluate(relabellings, use_it),
@@ -332,11 +339,12 @@ impl Share<'_> {
         }
     }
 
-    /// Returns the statistic of an evaluated value: signed t, F or `T^2`.
+    /// Converts a value from [`evaluate`](Self::evaluate) to the statistic: signed t, F or `T^2`.
     fn statistic(&self, kind: &Statistic, value: f64) -> f64 {
         let t = |square: f64| square.abs().sqrt().copysign(square);
-        // For the explained fraction u of the scatter, t^2 or T^2 is v u / (1 - u). If the effect explains all
-        // scatter, there is no variance, and the statistic is 0 as in the map.
+        // If u is the explained fraction of the scatter and v the degrees of freedom, t^2 or T^2 is v u / (1 - u). If
+        // the effect explains all scatter, the errors have no variance, and the statistic is 0, as in the map of the
+        // original study.
         let odds = |u: f64| if u.abs() < 1.0 - 1e-13 { u / (1.0 - u.abs()) } else { 0.0 };
         match (self, kind) {
             (Self::Explained(_), Statistic::T { freedom }) => t(freedom * odds(value)),

@@ -1,10 +1,10 @@
 //! Splits a design into the part that a contrast tests and the rest.
 //!
-//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, where U solves `R^T U = C^T`. So the columns of
-//! `W = Q U` span the contrast's contribution to the model, and their orthogonal complement in the span of X is the
-//! reduced model of the null hypothesis. This is the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation
-//! inference for the general linear model", NeuroImage 92 (2014), appendix A), with orthogonal bases instead of normal
-//! equations.
+//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, where U solves `R^T U = C^T`. Therefore the
+//! columns of `W = Q U` span the contrast's contribution to the model. Their orthogonal complement in the span of X is
+//! the reduced model of the null hypothesis. This is the partition of G. M. Ridgway, computed by orthogonal bases
+//! instead of normal equations (A. M. Winkler et al., "Permutation inference for the general linear model", NeuroImage
+//! 92 (2014), appendix A).
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 
@@ -12,14 +12,16 @@ use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Orthonormal bases of the tested part of a design and of the rest, and the degrees of freedom of the errors.
+/// Orthonormal bases of the tested part of a design and of the rest, the reduced model; and the degrees of freedom of
+/// the errors.
 #[derive(Debug, Clone)]
 pub(crate) struct Projection {
     /// Basis (n, q) of the tested part.
     pub(crate) effect: Array2<f64>,
     /// Basis (n, p - q) of the reduced model.
     pub(crate) nuisance: Array2<f64>,
-    /// Norm `|W|`, used for q = 1: the ratio of the contrast's estimate to the component of the values along `effect`.
+    /// Ratio of the contrast's estimate to the component of the values along `effect`, used if the contrast has one row
+    /// (q = 1). The ratio is the norm of the tested part before its normalisation.
     pub(crate) scale: f64,
     /// Degrees of freedom of the errors, n - p.
     pub(crate) freedom: usize,
@@ -57,7 +59,8 @@ impl Projection {
         along >= n * (1.0 - 1e-9)
     }
 
-    /// Returns whether a relabelling leaves the statistics unchanged, because it preserves the spans of both parts.
+    /// Returns whether a relabelling leaves the statistics unchanged, because it preserves the spans of `effect` and
+    /// `nuisance`.
     pub(crate) fn unchanged_by(&self, relabelling: &[(u32, f64)]) -> bool {
         let keeps = |basis: &Array2<f64>| {
             if basis.ncols() == 0 {
@@ -81,7 +84,7 @@ pub(crate) fn contrast_in_basis(design: &Design, contrast: &Contrast) -> (Array2
     let x = design.matrix();
     let (q, _) = orthonormalise(x);
     let r = product(q.t(), x);
-    // R^T U = C^T is solved by forward substitution.
+    // With X = Q R, the equation R^T U = C^T is solved by forward substitution.
     let mut u = contrast.weights.t().to_owned();
     for row in 0..x.ncols() {
         for above in 0..row {

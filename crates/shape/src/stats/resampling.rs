@@ -1,10 +1,10 @@
 //! Chooses the kind of relabelling that leaves the errors' distribution unchanged: permutations of subjects, sign
 //! flips, or both.
 //!
-//! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant, the mean
-//! stays in the residuals. Permutations don't change the sum of the residuals, so a test of the mean would compare a
-//! statistic with itself. Therefore signs are flipped instead.
+//! The choice follows A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation
+//! inference for the general linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model.
+//! Without a constant, the residuals include the mean. Permutations don't change the sum of the residuals, so a test of
+//! the mean would compare a statistic with itself. Therefore signs are flipped instead.
 
 use std::str::FromStr;
 
@@ -46,9 +46,9 @@ impl Resampling {
         }
     }
 
-    /// Chooses the kind of relabelling for a contrast: permutations if the reduced model has a constant, otherwise
-    /// sign flips. If the estimate depends on few of the units that `sets` contains, sign flips are too few, and both
-    /// kinds are combined.
+    /// Chooses the kind of relabelling for a contrast: permutations if the reduced model has a constant, otherwise sign
+    /// flips. If the estimate depends on only a few of the units in `sets`, there are too few distinct sign flips, and
+    /// both kinds are combined.
     pub(crate) fn choose(model: &Projection, sets: &[Vec<Unit>]) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;
@@ -73,13 +73,13 @@ impl FromStr for Resampling {
     }
 }
 
-/// Minimum effective number of units (subjects, or whole blocks) on which an estimate depends for sign flips to be used
-/// alone. With fewer units, sign flips give fewer than 1,000 distinct statistics. For example, for the mean of 5 of 24
-/// subjects there are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
+/// Minimum effective number of units (subjects or whole blocks) on which an estimate must depend if signs alone are
+/// flipped. With fewer units, sign flips give fewer than 1,000 distinct statistics. For example, the mean of 5 of 24
+/// subjects has 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
 /// Returns the effective number of units on which an estimate depends, `(sum h)^2 / sum h^2` with the units' leverages
-/// h; it is n for a mean of n units of the same size.
+/// h. For a mean of n units of the same size, this number is n.
 fn support(effect: ArrayView2<'_, f64>, units: &[&Unit]) -> f64 {
     let of_row = |i: &u32| effect.row(*i as usize).iter().map(|value| value * value).sum::<f64>();
     let leverage = units.iter().map(|unit| unit.iter().map(of_row).sum::<f64>());
@@ -113,7 +113,7 @@ mod tests {
         assert_eq!(of(&slope, array![[0.0, 1.0]]), Permutations);
         // The contrast is the mean of a small group in a design with a large group.
         assert_eq!(of(&Design::groups(&[5, 19]).unwrap(), array![[1.0, 0.0]]), Both);
-        // The mean of 12 rows is the mean of 4 of 8 blocks.
+        // The 24 rows form 8 blocks. The contrast is the mean of 12 rows, which form 4 of the blocks.
         let model = Projection::new(&Design::groups(&[12, 12]).unwrap(), &Contrast { weights: array![[1.0, 0.0]] });
         let blocks = Blocks::new((0..24).map(|i| i / 3), Exchange::Whole);
         assert_eq!(Resampling::choose(&model.unwrap(), &blocks.sets()), Both);

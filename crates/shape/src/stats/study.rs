@@ -22,11 +22,11 @@ pub struct Question {
     /// Description of the contrast, such as "control - patient" or "slope of age".
     pub meaning: String,
     /// Levels of the effect and the number of subjects at each level. For the interaction of two columns of levels,
-    /// these are the pairs of levels ("cells").
+    /// pairs of levels ("cells") are listed instead.
     pub levels: Vec<(String, usize)>,
-    /// Level or cell of each subject; empty if the effect has no levels.
+    /// Level, or pair of levels, of each subject; empty if the effect has no levels.
     pub level_of: Vec<String>,
-    /// Terms that are accounted for: covariates, and the columns of interactions.
+    /// Terms that the design accounts for: covariates, and the columns of interactions.
     pub covariates: Vec<Term>,
     /// Names and distinct values of the columns that are treated as numbers but may be codes of levels.
     pub codes: Vec<(String, Vec<f64>)>,
@@ -35,8 +35,8 @@ pub struct Question {
 }
 
 impl Question {
-    /// Returns the columns whose effects aren't in the design, because the effects of another column contain them, and
-    /// the names of these other columns: `["group", "subject"]`.
+    /// Returns pairs of names, such as `["group", "subject"]`. The effects of the first column aren't in the design,
+    /// because the effects of the second column contain them.
     pub fn contained(&self) -> Vec<[String; 2]> {
         let mut found: Vec<[String; 2]> = Vec::new();
         for (name, column) in self.covariates.iter().flat_map(Term::columns) {
@@ -61,7 +61,8 @@ impl Question {
         Ok(self)
     }
 
-    /// Checks that the contrast consists of differences or slopes, as displacements from the mean require.
+    /// Checks that the contrast consists of differences or slopes. Other contrasts aren't meaningful for displacements
+    /// from the mean.
     ///
     /// # Errors
     ///
@@ -90,7 +91,7 @@ struct Tested {
     base: Coded,
     /// Columns of centred numbers, which are zero for average subjects.
     slopes: Coded,
-    /// Weights of the contrast's rows over the columns of base and slopes.
+    /// For each row of the contrast, its weights of the columns of `base`, followed by those of `slopes`.
     weights: Vec<Vec<f64>>,
     meaning: String,
     levels: Vec<String>,
@@ -108,8 +109,8 @@ struct Tested {
 /// | numbers, numbers | `mean`, both, and their product | the product's slope |
 ///
 /// Levels are in the order `order`, by default sorted. For an interaction, `order` applies to its first column of
-/// levels. If a covariate such as the subject contains the main effect of one column of an interaction, the design has
-/// no columns for this main effect; see [`Question::contained`]. Numbers are centred. A covariate of levels has a
+/// levels. If a covariate, such as the subject, contains the main effect of one column of an interaction, the design
+/// has no columns for this main effect; see [`Question::contained`]. Numbers are centred. A covariate of levels has a
 /// centred column for each level except the first, and interactions of covariates are products of such columns. The
 /// design includes the columns of an interaction even if they aren't listed as covariates.
 ///
@@ -213,8 +214,8 @@ fn ordered(name: &str, of: &[String], order: &[String]) -> Result<Vec<String>, S
     Ok(if order.is_empty() { found } else { order.to_vec() })
 }
 
-/// Returns the weights of `count - 1` contrasts, each of which is a column minus the next one. The contrasts are over
-/// `count` columns that follow `before` other columns.
+/// Returns the weights of `count - 1` contrasts over `count` columns that follow `before` other columns. Each contrast
+/// is a column minus the next column.
 fn successive(before: usize, count: usize) -> Vec<Vec<f64>> {
     let weight = |row: usize, column: usize| f64::from(column == row) - f64::from(column == row + 1);
     (0..count - 1)
@@ -322,7 +323,8 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     [included, covariates]
 }
 
-/// Creates a design whose columns are the base, the slopes and the covariates, in this order.
+/// Creates a design from the columns `base` and `slopes` of the tested effect, followed by the columns of the
+/// covariates.
 fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, ShapeError> {
     let n = base[0].1.len();
     let columns = base.into_iter().chain(slopes).chain(covariates.iter().flat_map(coded));

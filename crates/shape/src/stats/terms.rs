@@ -40,7 +40,7 @@ impl Column {
     }
 
     /// Returns the distinct values of a column of numbers that may be codes of levels: at most six distinct integers,
-    /// and fewer of them than subjects. Returns `None` for other numbers and for levels.
+    /// and fewer distinct integers than subjects. Returns `None` for other numbers and for levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -68,10 +68,11 @@ impl Column {
     }
 }
 
-/// Maximum number of distinct values of codes; numbers with more distinct values are measurements.
+/// A column of integers with at most this number of distinct values may contain codes of levels. A column with more
+/// distinct values contains measurements.
 const MAX_CODES: usize = 6;
 
-/// A term of a linear model: a column, or the interaction of two columns. Displayed as `group` or `group:age`.
+/// A term of a linear model: a column, or the interaction of two columns. It is displayed as `group` or `group:age`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Term {
     /// A named column.
@@ -141,24 +142,27 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
     }
 }
 
-/// Fewest numbers whose quartiles show whether one of them is far from the others.
+/// A value is treated as far from the others only if there are at least this number of values, because the quartiles of
+/// fewer values don't show it.
 const FEWEST: usize = 8;
 /// Distance from the median, in interquartile ranges, beyond which a number is far from the others.
 const FAR: f64 = 20.0;
 
-/// Smallest absolute value of numbers such as 1e30 and the largest number of a type, which are used as codes.
+/// Absolute value from which on numbers look like codes. Examples of such codes are 1e30 and the largest number of a
+/// type.
 const HUGE: f64 = 1e30;
 
-/// Returns whether a number looks like a code of a missing value: -1, digits that are all 7, 8 or 9, such as -999 and
-/// 99.9, or a huge number. Of skewed data, the largest numbers may be far from the others, too.
+/// Returns whether a number looks like a code of a missing value: -1, a number whose digits are all 7, all 8 or all 9,
+/// such as -999 and 99.9, or a huge number. The distance from the median isn't a sufficient criterion, because the
+/// largest numbers of skewed data may be far from the others as well.
 fn is_like_code(number: f64) -> bool {
     let digits: Vec<char> = number.abs().to_string().chars().filter(|digit| *digit != '.').collect();
     let repeats = ['7', '8', '9'].contains(&digits[0]) && digits.iter().all(|digit| *digit == digits[0]);
     number == -1.0 || repeats || number.abs() >= HUGE
 }
 
-/// Returns the row of the number that is farthest from the median, and the median, if the number is so far away that it
-/// may be a code of a missing value, such as -999, and looks like one.
+/// Checks whether the number that is farthest from the median may be a code of a missing value, such as -999. This is
+/// assumed if the number is far from the median and looks like a code. Then returns the number's row, and the median.
 pub(crate) fn far(numbers: &[f64]) -> Option<(usize, f64)> {
     let n = numbers.len();
     if n < FEWEST {

@@ -124,7 +124,7 @@ fn covariates_are_freedman_and_lanes() {
     let design = Design::groups(&[n]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
     let found = test(y.view(), 1, &design, &Contrast::column(3, 2), &TestParams::default(), &Silent).unwrap();
     let family_wise = found.family_wise.unwrap();
-    // For each of 7! relabellings the full model is fitted to relabelled residuals of the reduced model.
+    // For each of 7! relabellings the full model is fitted to the relabelled residuals of the reduced model.
     assert!(family_wise.exact && family_wise.relabellings == 5040);
     let x = design.matrix().to_owned();
     let (reduced, _) = design::orthonormalise(x.slice(s![.., ..2]));
@@ -172,7 +172,7 @@ fn vectors_with_covariates_agree_with_the_statistic() {
     order.sort_by(|a, b| found.statistic[*b].total_cmp(&found.statistic[*a]));
     assert!(family_wise.p[order[0]] <= family_wise.p[order[1]] && family_wise.p[order[1]] <= family_wise.p[order[2]]);
     assert!(family_wise.p.iter().zip(&family_wise.pointwise).all(|(family, own)| family >= own));
-    // With normal errors both p values would agree; with these errors they are close.
+    // With normal errors both p values would agree. With the errors of this test they are close.
     for v in 0..3 {
         assert!((family_wise.pointwise[v] - found.p[v]).abs() < 0.1, "{} {}", family_wise.pointwise[v], found.p[v]);
     }
@@ -252,7 +252,7 @@ fn few_subjects_are_warned_of_and_bad_input_is_refused() {
     assert!(matches!(refused(&wide, 5, &contrast, &params), ShapeError::Subjects { expected: 7, .. }));
     let welch = TestParams { welch: true, ..TestParams::default() };
     assert!(matches!(refused(&y, 1, &Contrast::row(&[1.0, 1.0]), &welch), ShapeError::NotTwoGroups));
-    // T^2 of three components needs a covariance of each group, and therefore four subjects in each.
+    // T^2 of three components needs the covariance of each group, and therefore four subjects in each group.
     let found = refused(&y, 3, &contrast, &welch);
     assert!(matches!(found, ShapeError::Subjects { what: "a group", expected: 4, found: 3 }), "{found}");
     for count in [MAX_RELABELLINGS + 1, usize::MAX] {

@@ -6,12 +6,13 @@ use super::design::{Contrast, Design, orthonormalise};
 use super::projection::without;
 use super::{Remedy, TestWarning};
 
-/// Ratio above which the sizes of two groups must differ for a warning. The ratio of their variances must exceed this
-/// number for two groups, and a power of it for more, because the largest ratio of several pairs is larger by chance.
+/// Threshold for a warning about two groups: the ratio of their sizes and the ratio of their variances must both exceed
+/// this number. In a design of g > 2 groups, the largest ratio of variances of all pairs is larger by chance. Therefore
+/// the ratio of variances must exceed the power g - 1 of this number.
 const RATIO: f64 = 1.5;
-/// Least degrees of freedom of a group's errors for a comparison of its variance.
+/// A group's variance is compared only if the group's errors have at least this number of degrees of freedom.
 const LEAST_FREEDOM: f64 = 2.0;
-/// Largest number of groups that are compared. More distinct values are taken as a continuous effect.
+/// Maximum number of groups that are compared. A column with more distinct values is treated as a continuous effect.
 const MOST_GROUPS: usize = 12;
 
 /// Subjects with equal values in the tested columns.
@@ -21,10 +22,10 @@ struct Group {
     variance: f64,
 }
 
-/// Compares the total residual variances of groups in values (n, V d). Groups are the subjects with equal values in the
-/// columns that the contrast tests: levels, or the values of a column with two values. Of all pairs of groups
-/// whose sizes and variances both differ by more than the factor [`RATIO`], returns a warning about the pair with the
-/// largest ratio of variances.
+/// Compares the total residual variances of groups in values (n, V d). A group consists of the subjects with equal
+/// values in the columns that the contrast tests, which must be columns of zeros and ones (levels) or a single column
+/// with two distinct values. Of all pairs of groups whose sizes and variances both differ by more than the thresholds
+/// (see [`RATIO`]), returns a warning about the pair with the largest ratio of variances.
 pub(crate) fn unequal(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -41,7 +42,8 @@ pub(crate) fn unequal(
             squares += residuals.row(i).iter().map(|value| value * value).sum::<f64>();
             freedom += 1.0 - basis.row(i).iter().map(|value| value * value).sum::<f64>();
         }
-        // The variance of a group with too few degrees of freedom is NaN, which is never larger than another.
+        // The variance of a group with too few degrees of freedom is NaN. No comparison with NaN is true, so the group
+        // is ignored.
         group.variance = if freedom > LEAST_FREEDOM - 1e-9 { squares / freedom } else { f64::NAN };
     }
     let more = |a: f64, b: f64| a > RATIO * b;
@@ -66,8 +68,8 @@ pub(crate) fn unequal(
     })
 }
 
-/// Returns the groups of subjects with equal values in the tested columns; `None` if these values are those of a
-/// continuous effect or of a mean.
+/// Returns the groups of subjects with equal values in the tested columns; `None` if these columns hold a continuous
+/// effect or a mean and therefore define no groups.
 fn groups(design: &Design, contrast: &Contrast) -> Option<Vec<Group>> {
     let (x, weights) = (design.matrix(), &contrast.weights);
     let columns: Vec<usize> = (0..x.ncols()).filter(|at| weights.column(*at).iter().any(|w| *w != 0.0)).collect();

@@ -22,7 +22,7 @@ use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Returns the group of each subject, 0 or 1, and the weight of the first group's mean in a contrast of two groups.
+/// For a contrast of two groups, returns the group of each subject, 0 or 1, and the weight of the first group's mean.
 /// Returns an error if a group has fewer than `components + 1` subjects.
 pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
@@ -101,7 +101,7 @@ impl Half {
     }
 }
 
-/// Results of the test at a vertex; statistic, p and size are NaN without variance.
+/// Results of the test at a vertex. If the values have no variance there, statistic, p and size are NaN.
 struct Vertex {
     estimate: Vec<f64>,
     error: Vec<f64>,

@@ -18,10 +18,10 @@ use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Default number of rows and columns of a tile: a tile of f64 takes 128 KiB, which fit in the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
-/// Largest number of columns of a panel if the entire factor is in memory. Wider panels would gain nothing.
+/// Largest number of columns of a panel if the entire factor is in memory. Wider panels wouldn't be faster.
 const PANEL: usize = 1024;
-/// Largest number of columns of a panel if the factor is computed out of core. Here wider panels pay off, because less
-/// is read from disk.
+/// Largest number of columns of a panel if the factor is computed out of core. Out of core, wider panels save time,
+/// because less data is read from disk.
 const WIDEST: usize = 4096;
 /// Bytes of memory for the program itself, its stacks and its allocator.
 const BASE: usize = 16 << 20;
@@ -29,9 +29,9 @@ const BASE: usize = 16 << 20;
 /// Parameters of a factorisation.
 #[derive(Debug, Clone)]
 pub struct FactorParams {
-    /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the
-    /// finished factor causes a relative error of 6e-8 in each entry, while a factorisation in single precision could
-    /// fail at condition numbers of 1e7 or more.
+    /// Scalar type of the finished factor; default f64. The factor is computed in double precision in either case.
+    /// Rounding the finished factor causes a relative error of 6e-8 in each entry, whereas a factorisation in single
+    /// precision could fail at condition numbers of 1e7 or more.
     pub scalar: Scalar,
     /// Number of rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
     pub tile: usize,
@@ -73,7 +73,7 @@ pub struct FactorPlan {
 pub struct FactorReport {
     /// The factor in the store.
     pub file: FactorFile,
-    /// Whether the factor already existed, or another builder published it meanwhile.
+    /// Whether the factor already existed, or another builder published it during the computation.
     pub present: bool,
     /// Planned memory in bytes; 0 if the factor already existed.
     pub memory: usize,
@@ -97,13 +97,14 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     let plan = |width: usize, in_memory: bool| FactorPlan {
         in_memory,
         panel: (width * grid.tile()).min(size),
-        // Right-hand sides of the condition estimate need no more memory than a panel.
+        // No memory is added for the right-hand sides of the condition estimate, because they need no more memory than
+        // a panel.
         memory: fixed + panels(width).bytes() + if in_memory { all } else { 0 },
         reserved: threads * Kernels::RESERVED_PER_THREAD,
         disk: 0,
     };
     let widths = |most: usize| (1..=(most / grid.tile()).clamp(1, grid.columns())).rev();
-    // Even a narrow panel in memory is faster than reading back from disk.
+    // A factorisation in memory is faster than one that reads back from disk, even with narrow panels.
     let inside = widths(PANEL).map(|width| plan(width, true)).find(|plan| plan.memory <= params.memory);
     let outside = || widths(WIDEST).map(|width| plan(width, false)).find(|plan| plan.memory <= params.memory);
     let found = if disk { inside.or_else(outside) } else { inside };
@@ -116,7 +117,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     }
 }
 
-/// Plans building a factor into a store, and checks memory and disk space before any work; nothing is written.
+/// Plans building a factor into a store, and checks memory and disk space before any work. Writes nothing.
 ///
 /// # Errors
 ///

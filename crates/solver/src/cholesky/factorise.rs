@@ -8,9 +8,10 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! Then the finished tiles are stored. Earlier columns are read again for each panel: in total, panels of w columns
-//! read 4 K^3 / (3 w) bytes and take K^3 / 3 flops, so wider panels read less. In memory, "reading" means copying tiles
-//! into panels. The order of summation of each entry depends only on the panels' width.
+//! Then the finished tiles are stored. Earlier columns are read again for each panel. With panels of w columns, a
+//! factorisation reads 4 K^3 / (3 w) bytes in total, so wider panels reduce the reading. A factorisation takes K^3 / 3
+//! flops. If the factor is in memory, "reading" means copying tiles into panels. The order of summation of each entry
+//! depends only on the panels' width.
 
 use std::ops::Range;
 
@@ -25,9 +26,10 @@ use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Number of columns that are subtracted at a time: enough that `dgemm`'s memory traffic on the panel is negligible.
+/// Number of the factor's columns whose products are subtracted from a panel at a time. This number is so large that
+/// `dgemm`'s memory traffic on the panel is negligible.
 const RUN: usize = 512;
-/// Number of rows that are gathered at a time.
+/// Number of rows of the factor that are gathered into contiguous memory at a time.
 const ROWS: usize = 4096;
 
 /// Layout of the panels of a factorisation.
@@ -58,7 +60,8 @@ impl Panels {
     }
 }
 
-/// Factorises `source` into `finished` and returns the 1-norm of G. Progress is reported in flops.
+/// Factorises the matrix G of `source`, stores the factor's tiles in `finished`, and returns the 1-norm of G. Progress
+/// is reported in flops.
 pub(crate) fn factorise(
     source: &dyn GramMatrix,
     finished: &dyn Finished,

@@ -1,11 +1,11 @@
 //! Computes diagonals for standard errors. The diagonal of G^-1 is (G^-1)_kk = ||C^-1 e_k||^2.
 //!
 //! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
-//! skipped. This takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
+//! skipped. The computation takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
 //!
-//! The diagonal of G^-1 P G^-1, for a diagonal P, is the sum of P_j (G^-1)_jk^2 over j. It needs entire columns of
-//! G^-1, but only their rows from the diagonal on, because G^-1 is symmetric. This takes 2 K^3 / 3 flops, and 16 K
-//! bytes of workspace per vector.
+//! The diagonal of G^-1 P G^-1, for a diagonal P, is the sum of P_j (G^-1)_jk^2 over j. The computation needs all
+//! columns of G^-1, but only the entries on and below the diagonal, because G^-1 is symmetric. It takes 2 K^3 / 3
+//! flops, and 16 K bytes of workspace per vector.
 
 use std::ops::Range;
 
@@ -42,7 +42,8 @@ pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor)
     Ok(diagonal)
 }
 
-/// Computes the diagonals (K) of `(C C^T)^-1` and of `(C C^T)^-1 P (C C^T)^-1`, with `penalty` (K) the diagonal of P.
+/// Computes the diagonals (K) of `(C C^T)^-1` and of `(C C^T)^-1 P (C C^T)^-1` for the Cholesky factor C. `penalty` (K)
+/// is the diagonal of P.
 pub(crate) fn penalised_diagonals(
     tiles: &dyn Tiles,
     penalty: &[f64],
@@ -51,7 +52,7 @@ pub(crate) fn penalised_diagonals(
 ) -> Result<(Vec<f64>, Vec<f64>), SolverError> {
     let grid = tiles.grid();
     monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);
-    // Half as many vectors need the same workspace as in `diagonal`.
+    // A column takes twice as much workspace as in `diagonal`, so half as many columns are solved together.
     let step = (TOGETHER / 2 / grid.tile()).max(1);
     let (mut inverse, mut penalised) = (vec![0.0; grid.size()], vec![0.0; grid.size()]);
     for first in (0..grid.columns()).step_by(step) {
@@ -60,7 +61,8 @@ pub(crate) fn penalised_diagonals(
         for (at, block) in solved.iter().enumerate().skip(first) {
             let rows = grid.range(at);
             for (column, values) in columns.clone().zip(block.chunks_exact(rows.len())) {
-                // Entries above the diagonal are those below it: each pair is added once.
+                // G^-1 is symmetric, so each entry below the diagonal also contributes as its mirror entry above the
+                // diagonal.
                 for (row, value) in rows.clone().zip(values).filter(|(row, _)| *row >= column) {
                     penalised[column] += penalty[row] * value * value;
                     if row == column {
@@ -77,7 +79,8 @@ pub(crate) fn penalised_diagonals(
     Ok((inverse, penalised))
 }
 
-/// Returns the unit vectors of `step` tile columns from `first` on, as blocks for [`run`], and their columns.
+/// Returns the identity matrix's columns in `step` tile columns from `first` on, as blocks for [`run`], and the range
+/// of these columns.
 fn units(grid: TileGrid, first: usize, step: usize) -> (Vec<Vec<f64>>, Range<usize>) {
     let columns = grid.range(first).start..grid.range((first + step - 1).min(grid.columns() - 1)).end;
     let unit = |at: usize| {

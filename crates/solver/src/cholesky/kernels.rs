@@ -87,7 +87,8 @@ macro_rules! kernels {
                 by_channels!(
                     channels, at,
                     $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..], ahead),
-                    // Process two columns one after the other: the compiler's code for two at once is slower.
+                    // Process two columns one after the other, because the compiler's code for two columns at once is
+                    // slower.
                     for c in at..at + 2 {
                         $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..], ahead);
                     },
@@ -334,7 +335,7 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Compares the kernels with explicit sums, for numbers of rows, columns and channels with all remainders modulo
+    /// Compares the kernels with explicit sums. The numbers of rows, columns and channels cover all remainders modulo
     /// the kernels' step sizes.
     fn kernels_are_the_sums_written_out<S: Kernels>(narrow: fn(f64) -> S) {
         for rows in [1, 7, 8, 9, 23, 40] {

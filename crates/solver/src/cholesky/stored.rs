@@ -14,7 +14,7 @@ use crate::cholesky::{CholeskyFactor, inverse, triangular};
 /// A factor read from a store through windows: memory maps of its tile columns.
 ///
 /// If the file fits in the budget, windows are kept between solves. Otherwise each window is dropped when its tile
-/// column is done, so that only a few columns occupy memory and address space at a time.
+/// column has been processed, so that only a few columns occupy memory and address space at a time.
 #[derive(Debug)]
 pub struct StoredFactor {
     file: FactorFile,

@@ -29,7 +29,7 @@ pub(crate) trait Tiles: Sync {
     }
 
     /// Ends the calling thread's use of tiles. Each thread calls this after its last tile; the thread's results are
-    /// valid only if this succeeds.
+    /// valid only if this call succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }

@@ -1,14 +1,15 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
-//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns, they
-//! are bound by memory bandwidth; with many, by the speed of faer's matrix products.
+//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns, the
+//! solves are bound by memory bandwidth. With many columns, they are bound by the speed of faer's matrix products.
 //!
-//! In the forward solve, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j`
-//! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes
-//! `y_(j + 1)` before it continues, so that the other threads needn't wait for the rest of the owner's column. In the
-//! backward solve, a thread owns tile columns and processes each from the last row upwards:
-//! `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The owner of the next column runs half a column behind. It needs x_j only
-//! for the last term of its sum, and by then x_j is available. Threads wait nowhere else, and there are no barriers.
+//! In the forward solve, each thread owns some tile rows and processes the tile columns in file order. The thread
+//! subtracts `C_ij y_j` from its own rows as soon as y_j is available. The owner of row j + 1 processes this row first
+//! and publishes `y_(j + 1)` before it processes its other rows. The other threads then needn't wait until the owner
+//! has finished the column. In the backward solve, each thread owns some tile columns and processes each column from
+//! the last row upwards: `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The owner of the next column runs half a column
+//! behind. This owner needs x_j only for the last term of its sum, and by then x_j is available. Threads don't wait at
+//! any other point, and there are no barriers.
 //!
 //! The order of summation depends only on the tiles, so results are bit-identical for any number of threads.
 
@@ -65,8 +66,8 @@ pub(crate) enum Direction {
 }
 
 /// Solves for right-hand sides given as one block (rows, c) per tile row, column-major. Blocks before `first` must be
-/// zero: the forward solve skips them. If there is no backward solve, these blocks are returned unchanged. The backward
-/// solve doesn't compute these blocks of the solution, and they are returned empty.
+/// zero: the forward solve skips them. Without a backward solve, the blocks before `first` are returned unchanged. With
+/// a backward solve, they are returned empty, because the backward solve doesn't compute these blocks of the solution.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -100,7 +101,8 @@ pub(crate) fn run(
         }
     }
     std::thread::scope(|scope| {
-        // These are dedicated threads, not threads of a pool: each may wait for results of another, so all must run.
+        // These are dedicated threads, not threads of a pool: each may wait for results of another, so all must run at
+        // the same time.
         let mut owned = owned.into_iter().enumerate();
         let mine = owned.next();
         for (thread, rows) in owned {
@@ -124,11 +126,12 @@ struct Job<'a> {
     threads: usize,
     first: usize,
     direction: Direction,
-    /// Monitor that is checked for interruption before each tile: with many columns a tile takes milliseconds.
+    /// Monitor that is checked for interruption before each tile, because a tile takes milliseconds if there are many
+    /// columns.
     monitor: &'a dyn Monitor,
     /// Solution y of the forward solve, one block per tile row. Each block is set when it has been computed.
     forward: Vec<OnceLock<Vec<f64>>>,
-    /// Solution x of the backward solve, in the same form.
+    /// Solution x of the backward solve, also one block per tile row.
     backward: Vec<OnceLock<Vec<f64>>>,
     /// Set if a thread fails, so that the other threads don't wait for its results.
     stopped: AtomicBool,
@@ -194,7 +197,8 @@ impl Job<'_> {
                 self.monitor.check()?;
                 let height = block.len() / self.channels;
                 let tile = self.tiles.tile(row, column, cursor)?;
-                // This thread's next tile comes after the tiles of the other threads.
+                // Tile rows are assigned to the threads in turn, so this thread's next tile is `threads` tiles further
+                // on.
                 let ahead = (self.threads * bytes(tile)) as isize;
                 match tile {
                     TileValues::F64(tile) if self.channels < MANY => {
@@ -259,8 +263,8 @@ impl Job<'_> {
     }
 
     /// Waits for a block that another thread computes. Usually the block is already available. After some spins the
-    /// thread yields its processor: a yield costs little, and much less than spinning if there are more threads than
-    /// processors.
+    /// thread yields its processor. A yield costs little. If there are more threads than processors, it costs much less
+    /// than spinning.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;

@@ -13,11 +13,11 @@
 //! ```
 //!
 //! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2). `A z = r - s`
-//! is obtained without products with A other than those of the passes, and without the gradient. On `W^(1/2) s`, the
-//! step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be applied twice in a
-//! row. It is applied only once, since `(I - P)^2 = I - P`, which saves reading one block. For a rank-deficient block,
-//! `G_j^-1` stands for the minimum-norm solve, which is symmetric and gives the same projection; all iterates then stay
-//! in the span of such solutions.
+//! then requires neither the gradient nor products with A in addition to the products of the passes. On `W^(1/2) s`,
+//! the step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be applied twice
+//! in a row. This projection is applied only once, because `(I - P)^2 = I - P`. This saves reading one block. For a
+//! rank-deficient block, `G_j^-1` denotes the operator that returns the minimum-norm solution. This operator is
+//! symmetric and gives the same projection. All iterates then stay in the span of minimum-norm solutions.
 //!
 //! # The iteration
 //!
@@ -26,19 +26,19 @@
 //! alpha = gamma / q^T W q   x += alpha p              r -= alpha q
 //! ```
 //!
-//! Every column has its own alpha and beta. With E = (I - P_B) .. (I - P_1), the forward pass,
+//! Each column has its own alpha and beta. Let E = (I - P_B) .. (I - P_1) be the forward pass. Then
 //! `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2` is the decrease of the squared residual by the forward pass. Gamma is
-//! summed over the steps of the pass: each contributes `y^T A_j^T W s`, which is never negative. Therefore gamma is
-//! accurate down to rounding, whereas `r^T W (r - s)` would lose digits by cancellation, since `|r|^2` doesn't go to
-//! zero.
+//! summed over the steps of the pass. Each step contributes `y^T A_j^T W s`, which is never negative. Therefore gamma
+//! is accurate down to rounding, whereas `r^T W (r - s)` would lose digits by cancellation, because `|r|^2` doesn't go
+//! to zero.
 //!
 //! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed after that.
 //!
 //! # Cost
 //!
-//! An iteration consists of two passes, without the last block of the second: it takes `8 n K c` flops and reads the
-//! basis twice. In addition to the arrays of plain passes, it needs s and q (n, c), and z and p (K, c). If the number
-//! of passes is odd, the first one is a plain pass.
+//! An iteration consists of two passes, the second of which omits the last block. An iteration takes `8 n K c` flops
+//! and reads the basis twice. In addition to the arrays of plain passes, it needs s and q (n, c), and z and p (K, c).
+//! If the number of passes is odd, the first pass is a plain pass.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
@@ -53,8 +53,8 @@ use super::stream::Order;
 use crate::SolverError;
 use crate::chunked_rows::ChunkedRows;
 
-/// Tolerance of the square root of gamma, relative to the norm of the targets. Rounding errors of `A^T W s` are only
-/// slightly smaller.
+/// A column is finished when the square root of its gamma (see the [module](self)) is at most this multiple of the norm
+/// of its targets. The multiple can't be much smaller, because of rounding errors of `A^T W s`.
 const CONVERGED: f64 = 1e-13;
 
 impl IrfSolver<'_> {
@@ -93,7 +93,8 @@ impl IrfSolver<'_> {
             let live = |column: usize, value: f64| if finished[column] { 0.0 } else { value };
             let beta: Vec<f64> =
                 (0..c).map(|j| live(j, if before[j] > 0.0 { gamma[j] / before[j] } else { 0.0 })).collect();
-            // Replace s by A z = r - s.
+            // s began as a copy of r, and the forward and the backward pass together subtracted A z from it. Therefore
+            // A z = r - s; s is reused to store A z.
             s.combine(r, |_, s, r| r - s);
             q.combine(&s, |j, q, az| az + beta[j] * q);
             Zip::indexed(&mut p).and(&z).for_each(|(_, j), p, z| *p = z + beta[j] * *p);
@@ -125,7 +126,7 @@ impl IrfSolver<'_> {
             columns.map(sum).collect()
         };
         let parts: Vec<Vec<f64>> = (0..self.operator.chunk_count()).into_par_iter().map(of_chunk).collect();
-        // Add in the order of the chunks: the sums then don't depend on the number of threads.
+        // Add in the order of the chunks, so that the sums don't depend on the number of threads.
         let mut sums = vec![0.0; a.channels()];
         for part in parts {
             sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);

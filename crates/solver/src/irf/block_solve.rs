@@ -15,8 +15,9 @@ use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Smallest reciprocal condition number of a Gram matrix for which the normal equations are used. The condition number
-/// of the block itself is then at most 1e6. Beyond that, the relative error of a Cholesky solve could exceed 1e-4.
+/// The normal equations of a block are used if the reciprocal condition number of its Gram matrix exceeds this value.
+/// The condition number of the block itself is then at most 1e6. Beyond 1e6, the relative error of a Cholesky solve
+/// could exceed 1e-4.
 const SAFE_RECIPROCAL: f64 = 1e-12;
 
 /// The solution for one block.
@@ -24,15 +25,15 @@ pub(super) struct Step {
     /// The change (k, c) of the block's coefficients, row-major.
     pub(super) x: Vec<f64>,
     /// Decrease (c) of the squared norm of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`. It is computed
-    /// from the right-hand side, since the difference of the squared norms would lose all digits near the optimum.
+    /// from the right-hand side, because the difference of the squared norms would lose all digits near the optimum.
     pub(super) energy: Vec<f64>,
 }
 
 /// Factorisation of a block, known after the block's first solve.
 #[derive(Debug, Clone)]
 enum BlockFactor {
-    /// Lower Cholesky factor (k, k) of the Gram matrix, which serves any right-hand side, and the reciprocal condition
-    /// number of the Gram matrix.
+    /// Lower Cholesky factor (k, k) of the Gram matrix, used for all right-hand sides, and the Gram matrix's reciprocal
+    /// condition number.
     Cholesky(Vec<f64>, f64),
     /// The Gram matrix is too ill-conditioned for a Cholesky solve; the block is factorised again in each pass.
     RankRevealing {
@@ -112,8 +113,8 @@ impl<'o> BlockSolver<'o> {
         if let Some(BlockFactor::Cholesky(factor, _)) = known {
             return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
         }
-        // A block that was singular in an earlier pass is singular again. Its singular values aren't reused: such a
-        // solve would start from `A^T W r`, which squares the condition number.
+        // A block that was singular in an earlier pass is singular again. Its singular values aren't reused, because a
+        // solve with them would start from `A^T W r`, which squares the condition number.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
             if let Some(reciprocal) = self.factorise(&mut gram, k) {

@@ -1,8 +1,8 @@
 //! Defines the fitting methods of Shen and Chung: their blocks of degrees and their numbers of passes.
 //!
-//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF has a first block of degrees 0 to s
-//! and then one block per degree; MIRF repeats this several times; a block of IRF has as many degrees as fit into g
-//! columns, but at least one.
+//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees. SIRF has a first block of degrees 0 to s,
+//! followed by one block per degree. MIRF repeats the blocks of SIRF several times. A block of IRF has as many degrees
+//! as fit into g columns, where g is the granularity, but at least one degree.
 
 use std::ops::RangeInclusive;
 
@@ -17,7 +17,7 @@ pub enum Method {
     Irf {
         /// Number of passes, p.
         passes: usize,
-        /// Largest number of columns of a block, g; a block has at least one degree.
+        /// Largest number of columns of a block, g. A block of a single degree may have more columns.
         granularity: usize,
     },
     /// Stepwise fitting: degrees 0 to `start_degree` together, then one degree at a time, in one pass.

@@ -9,8 +9,9 @@ pub struct IrfParams {
     pub max_degree: usize,
     /// Blocks and passes; default IRF in one pass with a granularity of 100.
     pub method: Method,
-    /// Maximum number of additional passes that remove rounding errors; they end early when the coefficients hardly
-    /// change. Useful for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
+    /// Maximum number of additional passes that remove rounding errors; default 0. These passes end early when a pass
+    /// changes the coefficients by almost nothing. They are useful for [`Method::Nlsf`], whose single block may be
+    /// ill-conditioned.
     pub refinements: usize,
     /// Weights (n) of the rows (vertices) in the least squares, finite and not negative; default `None`, for equal
     /// weights.
@@ -23,14 +24,15 @@ pub struct IrfParams {
     pub held: usize,
     /// Number of threads of the caller's rayon pool to use; default 0, which uses all of them.
     pub threads: usize,
-    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that keeping factors pays off;
+    /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that factors are worth keeping;
     /// default false.
     pub reuse: bool,
     /// Whether to run conjugate gradients over pairs of passes, which need far fewer passes; default false.
     pub accelerate: bool,
     /// Bytes held by the source of the blocks' Gram matrices, if the fit has such a source; used by
     /// [`plan`](super::plan()). [`IrfSolver::new`](super::IrfSolver::new) and
-    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) replace it according to their arguments.
+    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) replace this number by the number that follows from their
+    /// arguments.
     pub gram_bytes: Option<usize>,
 }
 

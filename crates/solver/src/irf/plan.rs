@@ -17,7 +17,7 @@ pub(super) const SHARED_FROM: usize = 1024;
 /// Number of rows per call of the shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
 
-/// Bytes per thread for packed matrices in products of narrow blocks.
+/// Bytes per thread for the packed copies of matrices that products with narrow blocks make.
 const PACKED: usize = 4 << 20;
 /// Bytes of workspace per thread for computing a Gram matrix from moments.
 const GRAM_WORK: usize = 1 << 20;
@@ -48,7 +48,8 @@ pub struct IrfPlan {
     pub keep_factors: bool,
     /// Whether to read the next block while one is being solved.
     pub read_ahead: bool,
-    /// For each block, whether it is entirely in memory, and so read once per pass rather than twice.
+    /// For each block, whether the entire block is in memory. Such a block is read once per pass, any other block
+    /// twice.
     #[serde(skip)]
     pub whole: Vec<bool>,
 }
@@ -112,7 +113,7 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
 struct Needs {
     arrays: usize,
     grams: usize,
-    /// Bytes of everything but the factors and the basis.
+    /// Bytes of everything except the factors and the basis.
     fixed: usize,
     /// Bytes of address space reserved by [`Kernels`]; 0 if all blocks are too narrow for these kernels.
     reserved: usize,
@@ -135,18 +136,19 @@ impl Needs {
         // Arrays of the fit: residual, coefficients, a block's right-hand sides and solution with the transposes of
         // both, and the roots of the weights.
         let size = basis_size(params.max_degree);
-        // Accelerated fits also need s and q (n, channels), and z and p (K, channels).
+        // Accelerated fits also need the vectors s and q (n, channels), and z and p (K, channels): see `accelerated`.
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
-        // If a source provides the Gram matrices, threads neither sum Gram matrices nor pack chunks for them, but
-        // computing a Gram matrix needs some workspace per thread.
+        // If a source provides the Gram matrices, threads don't sum Gram matrices and don't pack chunks for these sums.
+        // But each thread then needs workspace for computing a Gram matrix.
         let from_basis = params.gram_bytes.is_none();
         let grams = params.gram_bytes.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
             * (if from_basis { narrow * narrow + chunk_rows * narrow } else { 0 }
                 + widest * channels
                 + if weighted { chunk_rows * channels } else { 0 });
-        // Bytes of the stacked chunks of a shared Gram matrix, and of the chunk being packed.
+        // Bytes of the stacked chunks from which all threads together compute a Gram matrix, and of the next chunk to
+        // be stacked.
         let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
         let products = threads * if shared { Kernels::TOUCHED_PER_THREAD } else { PACKED };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
@@ -159,8 +161,8 @@ impl Needs {
             fixed: params.held + arrays + grams + threads * per_thread + stacked + products + singular,
             reserved: if shared { threads * Kernels::RESERVED_PER_THREAD } else { 0 },
             one_factor: 8 * widest * widest.min(n),
-            // While one factor is computed, the factors of the other blocks are in memory. A single block's factor
-            // stays in place.
+            // With several blocks, one more matrix is needed for the factor being computed, because the factors of the
+            // other blocks are in memory. The factor of a single block is computed in place.
             all_factors: blocks.iter().map(factor).sum::<usize>()
                 + if blocks.len() > 1 { 8 * widest * widest.min(n) } else { 0 },
             resident: blocks.iter().map(resident).collect(),
@@ -174,7 +176,7 @@ impl Needs {
     }
 }
 
-/// Returns the largest power of two that, as the granularity, gives a plan within the budget.
+/// Returns the largest power of two that, used as the granularity, keeps the fit within the memory budget.
 fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Option<usize> {
     let passes = params.method.passes();
     let largest = basis_size(params.max_degree).next_power_of_two();
@@ -185,12 +187,12 @@ fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &I
     })
 }
 
-/// Returns the additional bytes for a rank-revealing solve: two copies of each thread's triangle while it is folded, a
-/// chunk, and the singular value decomposition.
+/// Returns the additional bytes for a rank-revealing solve. This is the memory in which all threads fold rows into
+/// their triangular factors, or the memory for the singular value decomposition if that is larger.
 pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
     let width = k + channels;
     let height = width.min(rows);
-    // A fold needs R, the waiting rows, the stack of both, and the resulting R.
+    // Folding rows into a triangular factor R needs memory for R, the waiting rows, the stack of both, and the new R.
     let fold = width * (5 * height + 4 * chunk_rows) * 8;
     let decomposition = 8 * height * (6 * k + 2 * height);
     (threads * fold).max(decomposition + width * height * 8)

@@ -56,11 +56,12 @@ pub struct BlockReport {
     pub condition: f64,
 }
 
-/// Report on one pass over all blocks. For an accelerated fit it covers one iteration, which is two passes.
+/// Report on one pass over all blocks. For an accelerated fit, the report covers one iteration, which consists of two
+/// passes.
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct PassReport {
-    /// Number of the pass, from 1; for an iteration, the number of its second pass.
+    /// Number of the pass, from 1. For an iteration of an accelerated fit, the number of the iteration's second pass.
     pub pass: usize,
     /// Whether this is an additional pass, which removes rounding errors of the full least squares.
     pub refinement: bool,
@@ -130,8 +131,8 @@ impl<'a> Recorder<'a> {
         self.monitor.check()
     }
 
-    /// Advances the progress by a block's number of columns. Blocks of refinements aren't counted, since the number of
-    /// refinements isn't known beforehand.
+    /// Advances the progress by a block's number of columns. Blocks of refinements aren't counted, because the number
+    /// of refinements isn't known beforehand.
     pub(super) fn end_block(&self, columns: usize) {
         if !self.refinement {
             self.monitor.step(columns as u64);

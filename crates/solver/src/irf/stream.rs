@@ -14,8 +14,8 @@ use crate::operator::{Block, BlockOperator};
 pub(super) enum Order {
     /// From the first block to the last.
     Forward,
-    /// From the last block but one to the first, after a forward pass. The last block is skipped: it has just been
-    /// solved, so solving it again would change nothing.
+    /// From the second-to-last block to the first, after a forward pass. The last block is skipped, because the forward
+    /// pass has just solved it and solving it again would change nothing.
     Backward,
 }
 

@@ -16,8 +16,9 @@ pub(super) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
-    /// Runs of rows, column-major, with their numbers of rows. They are folded into R when there are about as many rows
-    /// as columns; folding fewer rows at a time doesn't pay off.
+    /// Runs of rows that haven't been folded into R yet: for each run the number of rows, and the rows, column-major.
+    /// The rows are folded when their number is about the number of columns, because folding fewer rows at a time takes
+    /// longer in total.
     waiting: Vec<(usize, Vec<f64>)>,
 }
 

@@ -110,7 +110,8 @@ impl<'r> Workers<'r> {
         self.workers.par_iter_mut().try_for_each(|worker| worker.subtract(block, x))
     }
 
-    /// Computes the triangular factor of `W^(1/2) [A | r]`, folded chunk by chunk.
+    /// Computes the triangular factor of `W^(1/2) [A | r]`. Each worker adds its chunks of rows to a factor one after
+    /// another, and the factors of the workers are then combined.
     pub(super) fn triangle(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Triangle, SolverError> {
         let parts: Vec<Triangle> =
             self.workers.par_iter_mut().map(|worker| worker.triangle(block, k)).collect::<Result<_, _>>()?;

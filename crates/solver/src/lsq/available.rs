@@ -1,4 +1,4 @@
-//! Collects the data on which the choice of steps depends, and creates the preconditioner of a step.
+//! Collects the data from which the steps of a least-squares fit are chosen, and creates the preconditioner of a step.
 
 use spharm_transform::InverseDensity;
 

@@ -9,11 +9,11 @@
 //!          z = M r,  beta = r^T z / (r^T z)_before,  p = z + beta p
 //! ```
 //!
-//! with M the preconditioner. In exact arithmetic the iterates are those of LSQR with the same preconditioner, with
-//! less storage: four (K, c) arrays, and no (n, c) array. The normal equations square the condition number, so rounding
-//! limits the attainable optimality. Therefore r is recomputed at the end unless its errors are estimated to be small,
-//! and the iteration is restarted from the recomputed r as long as the optimality improves. If there are many
-//! solutions, iterating from zero tends to the solution of minimum norm.
+//! with M the preconditioner. In exact arithmetic the iterates equal the iterates of LSQR with the same preconditioner,
+//! but less storage is needed: four (K, c) arrays, and no (n, c) array. The normal equations square the condition
+//! number, so rounding limits the attainable optimality. Therefore r is recomputed at the end unless its errors are
+//! estimated to be small, and the iteration is restarted from the recomputed r as long as the optimality improves. If
+//! there are many solutions, iterating from zero tends to the solution of minimum norm.
 //!
 //! M. R. Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", J. Res. NBS 49 (1952);
 //! A. Bjorck, "Numerical methods for least squares problems" (1996), section 7.4.
@@ -33,7 +33,7 @@ use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
-/// Largest estimated error of the optimality, relative to the tolerance, at which the gradient needn't be recomputed.
+/// The gradient is recomputed if the estimated error of the optimality exceeds this share of the tolerance.
 const ERROR_SHARE: f64 = 0.2;
 
 /// Stopping rules of conjugate gradients.
@@ -116,9 +116,9 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// Number of the iteration at which the optimality last halved.
     pub(crate) best_at: usize,
-    /// Estimated condition number of N, the maximum over all columns: the condition number of the preconditioned
-    /// matrix, estimated from alpha and beta, times the preconditioner's condition number. NaN if the preconditioner's
-    /// condition number is unknown.
+    /// Estimated condition number of N, the maximum of the estimates for all columns. An estimate is the condition
+    /// number of the preconditioned matrix, derived from alpha and beta, times the preconditioner's condition number.
+    /// NaN if the preconditioner's condition number is unknown.
     pub(crate) condition: f64,
     /// Estimated error of the optimality if the gradient was updated by the iteration rather than recomputed; else 0.
     pub(crate) doubt: f64,
@@ -242,9 +242,9 @@ impl Cg {
     }
 
     /// Recomputes the gradient from the samples, and resumes the iteration if the recomputed gradient doesn't meet the
-    /// tolerance. The gradient isn't recomputed if the errors of products are small. Without samples, recomputing the
-    /// gradient takes one more product, which is no more accurate than the previous products. Returns the reason why
-    /// the iteration ended, and the residual (n, c) if there are samples.
+    /// tolerance. If the errors of products are small enough, the iteration's own gradient is used instead. Without
+    /// samples, the gradient is recomputed by one more product, which is no more accurate than the previous products.
+    /// Returns the reason why the iteration ended, and the residual (n, c) if there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -303,7 +303,8 @@ impl Cg {
     }
 }
 
-/// Returns the largest quotient of a norm and its scale; 0 for columns of scale 0, whose solution is zero.
+/// Returns the largest ratio of a column's norm to its scale. The ratio is set to 0 for columns of scale 0, because
+/// their solution is zero.
 pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }
@@ -313,8 +314,8 @@ fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }
 
-/// The tridiagonal matrix that is implicit in conjugate gradients. Its eigenvalues approach those of the preconditioned
-/// matrix from inside the spectrum, the extreme ones first.
+/// The tridiagonal matrix that is implicit in conjugate gradients. Its eigenvalues approach the eigenvalues of the
+/// preconditioned matrix from inside the spectrum. The extreme eigenvalues converge first.
 struct Lanczos {
     steps: Vec<(Vec<f64>, Vec<f64>)>,
     columns: usize,
@@ -363,7 +364,7 @@ impl Lanczos {
             count
         };
         let find = |rank: usize| {
-            // Bisect on a logarithmic scale, since the smallest eigenvalue may be 1e-16 of the largest.
+            // Bisect on a logarithmic scale, because the smallest eigenvalue may be 1e-16 of the largest.
             let (mut low, mut high) = (bound * 1e-20, bound);
             for _ in 0..80 {
                 let middle = (low * high).sqrt();

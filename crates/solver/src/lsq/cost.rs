@@ -1,8 +1,8 @@
 //! Models the costs of products with the normal matrix, by samples and by moments, and of factors.
 //!
 //! Costs are in nanoseconds on one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
-//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100 a product of the normal operator with
-//! three channels takes 8.4 ms by samples and 2.0 ms by moments; computing the moments takes 20 ms. At 10^6 samples and
+//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100, a product of the normal operator with
+//! three channels takes 8.4 ms by samples and 2.0 ms by moments. Computing the moments takes 20 ms. At 10^6 samples and
 //! L = 1,000 a product with one channel takes 0.33 s by either method.
 
 use spharm_harmonics::basis_size;
@@ -22,8 +22,9 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// Returns the cost of a product with the normal matrix by samples: computing the kernels, which all channels
-    /// share, summing over them, and transforming a grid.
+    /// Returns the cost of a product with the normal matrix by samples. For each sample, the kernel values are computed
+    /// once for all channels, and each channel is summed over them. In addition, a grid is transformed for each
+    /// channel.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
@@ -35,7 +36,8 @@ impl Cost {
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
     }
 
-    /// Returns the cost of a product with the normal matrix by moments, plus a product with the inverse of the density.
+    /// Returns the cost of a product with the normal matrix by moments, plus the cost of a product with the inverse of
+    /// the density.
     pub(super) fn preconditioned(&self) -> f64 {
         PRODUCTS_PER_DENSITY_ITERATION * self.by_moments()
     }
@@ -51,14 +53,14 @@ impl Cost {
         (basis_size(self.max_degree) as f64).powi(3) / 3.0 / 40.0
     }
 
-    /// Returns the cost of a solve with a factor, whose `4 K^2` bytes are read twice, at 5 bytes per nanosecond, and of
-    /// computing the gradient and the residual.
+    /// Returns the cost of a solve with a factor, and of computing the gradient and the residual. The solve reads the
+    /// factor's `4 K^2` bytes twice, at 5 bytes per nanosecond.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
         entries * (2.0 * self.channels as f64 / 40.0 + 1.6) + 0.5 * self.by_samples()
     }
 
-    /// Returns the number of iterations after which moments have paid off; infinite if they never do.
+    /// Returns the number of iterations after which moments have saved time; infinite if moments never save time.
     pub(super) fn paid_after(&self) -> f64 {
         let saved = self.by_samples() - self.by_moments();
         if saved > 0.0 { self.making() / saved } else { f64::INFINITY }
@@ -66,8 +68,8 @@ impl Cost {
 
     /// Returns the expected number of iterations to a tolerance on a random sampling. By the law of Marchenko and
     /// Pastur, the eigenvalues of its normal matrix lie between (1 - (K / n)^(1/2))^2 and (1 + (K / n)^(1/2))^2, and
-    /// each iteration reduces the error by a factor of (n / K)^(1/2), where n counts the rows with nonzero weight. Even
-    /// samplings take half as many iterations.
+    /// each iteration reduces the error by a factor of (n / K)^(1/2). Here n is the number of rows with nonzero weight.
+    /// Even samplings take half as many iterations.
     pub(super) fn expected_iterations(&self, tolerance: f64) -> f64 {
         let ratio = basis_size(self.max_degree) as f64 / self.rows_with_weight.max(1) as f64;
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
@@ -85,10 +87,10 @@ impl Cost {
 
 /// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, according
 /// to the cost model. The operator and the moments then share a grid, which is larger than the operator's own grid. For
-/// one channel this saves 10 to 25 % under two conditions: iterations on n = `rows` samples to `tolerance` use moments
-/// from the start, and n is so large that sorting the samples twice costs more than the larger grid. With fewer samples
-/// the larger grid's memory costs more time than it saves. For 6 to 48 channels the shared grid took 10 to 40 % longer
-/// at degrees from 50 to 400.
+/// one channel, the shared grid saves 10 to 25 % of the time under two conditions. Iterations on n = `rows` samples to
+/// `tolerance` must use moments from the start, and n must be so large that sorting the samples twice costs more than
+/// the larger grid. With fewer samples the larger grid's memory costs more time than it saves. For 6 to 48 channels the
+/// shared grid took 10 to 40 % longer at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, rows_with_weight: rows, max_degree, channels }.at_once(tolerance)

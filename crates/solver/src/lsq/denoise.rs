@@ -1,9 +1,11 @@
-//! Denoises within the fit, by a ridge penalty on each degree. The penalties are derived from the noise of the targets.
+//! Removes noise within the fit, by a ridge penalty on each degree. The penalties are derived from the noise of the
+//! targets.
 //!
-//! Targets are modelled as the sum of a smooth function and noise, which is independent from row to row and of variance
-//! sigma^2, or sigma^2 divided by the row's precision if precisions differ. An estimate of coefficients that is linear
-//! in the targets, such as the plain least squares x = N^-1 A^T W f, transfers noise into each degree, with a power
-//! that depends only on the sampling. This power is measured by fits of noise e of variance 1:
+//! Targets are modelled as the sum of a smooth function and noise. The noise is independent from row to row. Its
+//! variance is sigma^2, divided by the row's precision if precisions differ. An estimate of coefficients that is linear
+//! in the targets, such as the plain least squares x = N^-1 A^T W f, transfers noise into each degree. The power of the
+//! transferred noise, relative to sigma^2, depends only on the sampling. This power is measured by fits of noise e of
+//! variance 1:
 //!
 //! ```text
 //! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
@@ -13,25 +15,25 @@
 //! min  |W^(1/2) (A x - f)|^2 + sum_l p_l |x_l|^2
 //! ```
 //!
-//! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
+//! The method is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
 //! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.
 //! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit's
 //! coefficients of degree l are h_l times the plain fit's coefficients, which is Wiener's filter. On an uneven sampling
-//! degrees mix, and the penalised fit removes less where the vertices contain more information. The non-increasing
-//! sequence is computed by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under order
-//! restrictions", 1972). There is only one round: a second round, with the penalised fit's own powers in place of P_l,
-//! would gain 0.02 dB.
+//! degrees mix, and the penalised fit removes less in regions whose vertices contain more information. The
+//! non-increasing sequence is computed by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under
+//! order restrictions", 1972). The procedure isn't repeated, because a second round, with the penalised fit's own
+//! powers in place of P_l, would gain only 0.02 dB.
 //!
 //! The prior variance is estimated, and an estimate of 0 doesn't mean that the coefficients are known to be 0. Standard
-//! errors therefore add Morris's terms for the uncertainty of the estimate: with `B = (k - 2) / k (1 - h_l)`, the
-//! variance `V h_l` of the posterior becomes `V (1 - B) + 2 / (k - 2) B^2 y^2`, where k is the number of coefficients
-//! that share the gain, `V = sigma^2 B_l / (2l + 1)` and y^2 is the mean square of these coefficients, `V / (1 - h_l)`.
+//! errors therefore include Morris's terms for the uncertainty of the estimate. Let k be the number of coefficients
+//! that share the gain, `V = sigma^2 B_l / (2l + 1)`, y^2 = `V / (1 - h_l)` the mean square of these coefficients, and
+//! `B = (k - 2) / k (1 - h_l)`. Then the variance `V h_l` of the posterior becomes `V (1 - B) + 2 / (k - 2) B^2 y^2`.
 //! The difference is `4 (k - 1) / k^2 (1 - h_l) V`.
 //!
 //! Noise and detail are distinguished only by degree: detail of a surface beyond the fit's degree is treated as noise.
 //!
-//! Cost: fits of 12 columns of noise, once per sampling, and a second fit of each target, which is better conditioned
-//! than the plain fit.
+//! The additional cost is the fit of 12 columns of noise, once per sampling, and a second fit of each target, which is
+//! better conditioned than the plain fit.
 
 use std::ops::Range;
 
@@ -51,8 +53,8 @@ use crate::SolverError;
 /// estimated from 12 (2l + 1) values.
 pub const NOISE_COLUMNS: usize = 12;
 
-/// Lower bound of the gain in the formula of the penalty. A degree with such a gain is practically removed from the
-/// fit.
+/// Gains h_l (see the [module](self)) below this value are raised to it before the penalty p_l is computed. A degree
+/// with this gain is practically removed from the fit.
 const LEAST_GAIN: f64 = 1e-6;
 
 /// Generates noise (n, columns) of variance 1: random signs that depend only on row and column. With `precision` (n),
@@ -67,7 +69,7 @@ pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>
             Some(precision) if precision > 0.0 => 1.0 / precision.sqrt(),
             Some(_) => 0.0,
         };
-        // The sequence of signs has 2^40 positions per column.
+        // Each column uses its own 2^40 positions of the sequence of signs.
         *value = size * sign((((first + column) as u64) << 40) | row as u64);
     });
     noise
@@ -84,7 +86,7 @@ pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>)
 /// Power that noise of variance 1 has after a fit: in the coefficients of each degree, and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
-    /// Power (L + 1) in the coefficients of each degree, summed over the columns of noise.
+    /// Power in the coefficients of each degree (L + 1), summed over the fitted columns of noise.
     by_degree: Vec<f64>,
     residual: f64,
     columns: f64,
@@ -102,7 +104,7 @@ impl NoisePower {
     ///
     /// # Panics
     ///
-    /// If there are fewer coefficients than the highest degree requires.
+    /// If `coefficients` has fewer rows than the highest degree of the noise power requires.
     pub fn add(&mut self, coefficients: ArrayView2<'_, f64>, residual: f64) {
         let powers = powers(coefficients, self.by_degree.len());
         self.by_degree.iter_mut().zip(powers).for_each(|(sum, power)| *sum += power);
@@ -110,10 +112,10 @@ impl NoisePower {
         self.columns += coefficients.ncols() as f64;
     }
 
-    /// Estimates the noise power of fits from moments: rows with weight w have noise of variance 1 / w. Its power in a
-    /// degree is the trace of the degree's part of `N^-1`, estimated by z^T N^-1 z for 12 vectors z of signs (M. F.
-    /// Hutchinson, Commun. Stat. Simul. 19, 1990). Its power in the residual is n - K. Estimates of the trace are
-    /// raised to at least `(2l + 1) 4 pi / sum w`, the trace on an even sampling.
+    /// Estimates the noise power of fits from moments, for noise whose variance is 1 / w in a row of weight w. The
+    /// noise power in a degree is the trace of the degree's part of `N^-1`, estimated by z^T N^-1 z for 12 vectors z of
+    /// signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). The noise power in the residual is n - K. Estimates of
+    /// the trace are raised to at least `(2l + 1) 4 pi / sum w`, the trace on an even sampling.
     ///
     /// # Errors
     ///
@@ -153,8 +155,9 @@ impl NoisePower {
         self.residual / self.columns
     }
 
-    /// Returns the power in degree 1, relative to its power on an even sampling whose precisions have the sum `weight`.
-    /// It is much larger than 1 if places with few samples raise the noise of all degrees; 1 without degree 1.
+    /// Returns the quotient of two noise powers in degree 1: on this sampling, and on an even sampling whose precisions
+    /// have the sum `weight`. The quotient is much larger than 1 if regions with few samples raise the noise of all
+    /// degrees. It is 1 if the fit has no degree 1.
     #[must_use]
     pub fn relative_to_even(&self, weight: f64) -> f64 {
         let even = order_count(1) as f64 * 4.0 * std::f64::consts::PI / weight;
@@ -166,7 +169,7 @@ impl NoisePower {
     ///
     /// # Panics
     ///
-    /// If there are fewer coefficients than the highest degree requires.
+    /// If `coefficients` has fewer rows than the highest degree of the noise power requires.
     #[must_use]
     pub fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: f64) -> Denoise {
         let (base, c) = (self.by_degree(), coefficients.ncols() as f64);
@@ -198,27 +201,27 @@ impl NoisePower {
 pub struct Denoise {
     /// Standard deviation of the noise in each channel, in the target's unit.
     pub sigma: f64,
-    /// Effective number of coefficients per channel, `sum_l (2l + 1) h_l`, at most K. On an even sampling this is the
-    /// trace of the hat matrix.
+    /// Effective number of coefficients per channel, `sum_l (2l + 1) h_l` with the gains h_l, at most K. On an even
+    /// sampling this is the trace of the hat matrix.
     pub degrees_of_freedom: f64,
-    /// Gains h_l (L + 1) of the degrees: between 0 and 1, non-increasing.
+    /// Gain h_l of each degree l (an array of length L + 1): between 0 and 1, non-increasing.
     pub gain: Vec<f64>,
-    /// Penalties p_l (L + 1) of the degrees, for [`LsqParams::penalty`](crate::LsqParams::penalty).
+    /// Penalty p_l of each degree l (an array of length L + 1), for [`LsqParams::penalty`](crate::LsqParams::penalty).
     #[serde(skip)]
     pub penalty: Vec<f64>,
-    /// Variances (L + 1) of each degree's coefficients that are due to the uncertainty of the gains, in the square of
-    /// the target's unit.
+    /// For each degree (L + 1), the part of the variance of a coefficient that is due to the uncertainty of the gain
+    /// h_l, in the square of the target's unit.
     #[serde(skip)]
     pub gain_variance: Vec<f64>,
 }
 
 impl Denoise {
-    /// Returns the standard errors (K, c) of the penalised fit with the uncertainty of the gains. `errors` are those
-    /// for penalties that are known exactly.
+    /// Returns the standard errors (K, c) of the penalised fit, including the uncertainty of the gains h_l. `errors`
+    /// contains the standard errors for penalties that are known exactly.
     ///
     /// # Panics
     ///
-    /// If there are fewer coefficients than the highest degree requires.
+    /// If `errors` has fewer rows than the highest degree of the gains requires.
     #[must_use]
     pub fn with_uncertain_gains(&self, mut errors: Array2<f64>) -> Array2<f64> {
         for (l, variance) in self.gain_variance.iter().enumerate() {
@@ -321,7 +324,7 @@ mod tests {
         let all = white_noise(500, 0..NOISE_COLUMNS, None);
         assert_eq!(all.slice(s![.., 3..7]), white_noise(500, 3..7, None));
         assert!(all.iter().all(|value| value.abs() == 1.0));
-        // The mean of 6,000 signs is within five of its standard deviations.
+        // The sum of 6,000 signs is within five standard deviations of zero.
         assert!(all.sum().abs() < 5.0 * 6000f64.sqrt());
         let precision: Vec<f64> = (0..500).map(|i| (i % 3) as f64).collect();
         let noise = white_noise(500, 0..1, Some(&precision));

@@ -13,7 +13,7 @@ pub(super) struct MadeFactor {
     pub(super) factor: MemoryFactor,
     /// Shift mu relative to the largest diagonal entry of N; zero if N isn't singular.
     pub(super) shift: f64,
-    /// Column and degree at which the factorisation of N itself broke down; `None` if it didn't.
+    /// Column and degree at which the factorisation of N without a shift broke down; `None` if it succeeded.
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 

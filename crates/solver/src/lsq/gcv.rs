@@ -5,14 +5,14 @@
 //! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
 //! ```
 //!
-//! with vectors z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). The same few z are used for
-//! every lambda, so that GCV is a smooth function of lambda, whose minimum can be searched for. G. H. Golub, M. Heath,
-//! G. Wahba, "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979).
-//! The columns of a target share a lambda: their residuals are summed. Degree 0 has no penalty, so GCV doesn't depend
-//! on the mean of a column. The mean is subtracted, because the accuracy of a solve is relative to the column.
+//! with N = A^T W A + P and a few probes z, which are vectors of independent signs (M. F. Hutchinson, Commun. Stat.
+//! Simul. 19, 1990). The same probes are used for every lambda, so that GCV is a smooth function of lambda, whose
+//! minimum can be searched for. G. H. Golub, M. Heath, G. Wahba, "Generalized cross-validation as a method for choosing
+//! a good ridge parameter", Technometrics 21 (1979). All columns of a target share one lambda, so the squares of their
+//! residuals are summed. Degree 0 has no penalty, so GCV doesn't depend on the mean of a column. The mean is
+//! subtracted, because the error of a solve is proportional to the norm of the column.
 //!
-//! Cost: for each of 23 values of lambda, one solve for the columns of the target and of the probes by conjugate
-//! gradients.
+//! For each of 23 values of lambda, conjugate gradients solve once for the columns of the target and the probes.
 
 use ndarray::{Array2, ArrayView2, s};
 use serde::Serialize;
@@ -28,8 +28,8 @@ use super::signs::sign;
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
 
-/// Number of probes z for the trace. The noise of GCV, a few percent of `tr(P N^-1)`, decreases with the square root of
-/// this number.
+/// Number of random vectors z from which the trace `tr(P N^-1)` is estimated. The error of the estimate, a few percent,
+/// decreases with the square root of this number.
 pub const PROBES: usize = 3;
 /// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
@@ -46,8 +46,8 @@ pub struct Gcv {
     pub tried: Vec<[f64; 3]>,
     /// Whether the minimum is at the lower end of the range: the targets then need no penalty at all.
     pub at_the_end: bool,
-    /// The lambda of each channel, if each channel was searched alone; the other entries are then those of the channel
-    /// with the largest lambda. Empty if all columns share lambda.
+    /// The lambda of each channel, if lambda was searched for each channel separately. The other fields then describe
+    /// the channel with the largest lambda. Empty if all columns share lambda.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub by_channel: Vec<f64>,
 }
@@ -72,14 +72,15 @@ pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monit
 }
 
 impl Gcv {
-    /// Returns the residual's sum of squares at the chosen smoothness, for n rows. It isn't finite if GCV isn't.
+    /// Returns the residual's sum of squares at the chosen smoothness, for n rows. The result isn't finite if GCV isn't
+    /// finite.
     fn square(&self, rows: usize) -> f64 {
         let (least, rows) = (least(&self.tried), rows as f64);
         least[1] * (rows - least[2]).powi(2) / rows
     }
 }
 
-/// Returns the entry of `tried` with the least GCV.
+/// Returns the entry of `tried` with the smallest generalised cross-validation score.
 fn least(tried: &[[f64; 3]]) -> [f64; 3] {
     tried.iter().copied().min_by(|x, y| x[1].total_cmp(&y[1])).unwrap_or_default()
 }
@@ -152,8 +153,8 @@ impl GcvTerms {
     }
 }
 
-/// Chooses the smoothness lambda for fits with another hat matrix than `A (A^T W A + P)^-1 A^T W`: `terms` computes the
-/// terms of GCV for each lambda. `weight` is the sum of the weights; the range of the search depends on it.
+/// Chooses the smoothness lambda for fits whose hat matrix isn't `A (A^T W A + P)^-1 A^T W`. `terms` computes the terms
+/// of GCV for a given lambda. `weight` is the sum of the weights; the range of the search depends on it.
 ///
 /// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
 ///

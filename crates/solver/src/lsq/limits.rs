@@ -2,62 +2,67 @@
 //! recorded measurement. The model of costs is in `cost`; figures are in docs/performance.md. The table of steps in
 //! docs/methods.md repeats some of the constants.
 
-/// Minimum number of iterations before switching to a factor that must first be computed. Samplings that need more
-/// iterations than this need many more: an icosphere takes 9, a sphere map by `cald` 60 (figure of
-/// docs/algorithms/least-squares.md).
+/// Minimum number of iterations before switching to a factor that must first be computed. A sampling that needs more
+/// iterations than this number needs many more. An icosphere takes 9 iterations, a sphere map by `cald` takes 60
+/// (figure of docs/algorithms/least-squares.md).
 pub(super) const ITERATIONS_BEFORE_FACTOR: usize = 60;
 /// Number of iterations over which progress is measured.
 pub(super) const ITERATIONS_OF_PROGRESS: usize = 30;
-/// Minimum number of iterations before switching to a stored factor, and number of iterations over which progress is
-/// then measured. Three iterations suffice to predict the number of remaining iterations. With this value, a batch of
-/// 32 cortices takes a third less time.
+/// Minimum number of iterations before switching to a stored factor. If there is a stored factor, progress is also
+/// measured over this number of iterations. Three iterations suffice to predict the number of remaining iterations.
+/// This early switch reduces the time for a batch of 32 cortices by a third.
 pub(super) const ITERATIONS_BESIDE_FACTOR: usize = 3;
-/// Largest cost of the predicted remaining iterations, relative to the cost of a factor, for which iterations continue.
-/// It is far below 1 because the prediction tends to be too low.
+/// Iterations continue if the predicted remaining iterations cost at most this share of the cost of a factor. The share
+/// is far below 1 because the prediction tends to be too low.
 pub(super) const LEFT_PER_FACTOR_COST: f64 = 0.2;
-/// Largest cost of moments and first iterations, relative to the cost of using a stored factor, for which iterations
-/// are tried before the factor.
+/// Iterations are tried before a well-conditioned stored factor is used, if the first [`ITERATIONS_BESIDE_FACTOR`]
+/// iterations cost less than this share of using the factor. If the moments must first be computed, this cost is added
+/// to that of the iterations.
 pub(super) const BEGUN_PER_SOLVE_COST: f64 = 0.5;
-/// Reciprocal condition number above which few iterations are needed, possibly at a lower cost than using a stored
-/// factor.
+/// A stored factor is well conditioned if its reciprocal condition number is above this value. A fit then needs few
+/// iterations, which may cost less than using the factor.
 pub(super) const WELL_CONDITIONED_RECIPROCAL: f64 = 1e-2;
-/// Number of columns up to which iterations are tried before a well-conditioned stored factor, whatever their cost: one
-/// surface takes 16 ms by iterations, 17 ms with the factor.
+/// If a fit has at most this number of columns, iterations are tried before a well-conditioned stored factor is used,
+/// regardless of the iterations' cost. One surface takes 16 ms by iterations, and 17 ms with the factor.
 pub(super) const FEW_COLUMNS: usize = 12;
 
-/// Moments are computed immediately if they pay off within this share of the expected iterations. Even samplings take
-/// half of the expected iterations (`Cost::expected_iterations`).
+/// Moments are computed before the first iteration if the time for computing them is saved within this share of the
+/// iterations that `Cost::expected_iterations` predicts. The share is below 1, because even samplings take only half of
+/// the predicted iterations.
 pub(super) const PAYING_PER_EXPECTED_ITERATIONS: f64 = 0.6;
-/// Accuracy of moments relative to the tolerance. If the density is at most ten times its mean, the error of the
-/// gradient due to moments is then small compared with the tolerance. The gradient needn't be recomputed from the
-/// samples, which saves a fifth to a third of the passes over the samples.
+/// Accuracy of moments relative to the tolerance. With this accuracy, the error of the gradient due to moments is small
+/// compared with the tolerance if the density is at most ten times its mean. Therefore the gradient needn't be
+/// recomputed from the samples, which saves a fifth to a third of the passes over the samples.
 pub(super) const MOMENT_ACCURACY_PER_TOLERANCE: f64 = 0.02;
-/// Least number of iterations of a search for the smoothness: four for each of its 23 values.
+/// Least number of iterations of a search for the smoothness: four iterations for each of the 23 values of lambda.
 pub(super) const LEAST_ITERATIONS_OF_SEARCH: f64 = 92.0;
-/// Accuracy of moments for a search for the smoothness. The weakest penalties, which alone determine the coefficients
-/// where the sampling has gaps, are 1e-9 of the normal matrix's diagonal at a quarter of the degree.
+/// Accuracy of moments for a search for the smoothness. The search also tries very weak penalties: at a quarter of the
+/// highest degree, they are 1e-9 of the normal matrix's diagonal. In gaps of the sampling only the penalty determines
+/// the fit, so the error of the moments must be far below the penalty.
 pub(super) const MOMENT_ACCURACY_OF_SEARCH: f64 = 1e-11;
 /// Coarsest useful accuracy of moments: moments of lower accuracy aren't cheaper.
 pub(super) const COARSEST_MOMENT_ACCURACY: f64 = 1e-8;
-/// Number of samples per degree squared from which a common grid for operator and moments saves time: 10 to 25 % for
-/// one channel.
+/// If there are at least this number of samples per degree squared, a common grid for operator and moments saves time:
+/// 10 to 25 % for one channel.
 pub(super) const SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID: usize = 64;
 
-/// Minimum number of rows with nonzero weight per basis function for which the density may precondition. With fewer
-/// rows there may be many solutions, and only iterations without a preconditioner tend to the solution of minimum norm.
+/// The density is used as a preconditioner only if there are at least this many rows with nonzero weight per basis
+/// function. With fewer rows there may be many solutions, and only iterations without a preconditioner tend to the
+/// solution of minimum norm.
 pub(super) const ROWS_PER_COLUMN_FOR_DENSITY: usize = 2;
-/// Cost of an iteration with the density, in products by moments: the inverse of the density takes half the time of a
-/// product.
+/// Time of an iteration that is preconditioned with the density, divided by the time of a product by moments. The
+/// inverse of the density takes half the time of a product.
 pub(super) const PRODUCTS_PER_DENSITY_ITERATION: f64 = 1.5;
 
-/// Maximum number of iterations without a halving of the optimality.
+/// The iteration ends if the optimality isn't halved within this number of iterations.
 pub(super) const ITERATIONS_WITHOUT_GAIN: usize = 250;
-/// Maximum number of iterations without a halving of the optimality, if the factor preconditions them. Each of these
-/// iterations gains as much as many plain ones.
+/// An iteration that the factor preconditions ends if the optimality isn't halved within this smaller number of
+/// iterations. The number is smaller because each of these iterations reduces the error as much as many iterations
+/// without the factor.
 pub(super) const ITERATIONS_WITHOUT_GAIN_WITH_FACTOR: usize = 30;
 /// Maximum number of refinements.
 pub(super) const MOST_REFINEMENTS: usize = 40;
 /// Optimality that is attainable despite rounding errors of targets and transforms.
 pub(super) const ROUNDING_OPTIMALITY: f64 = 1e-9;
-/// Reciprocal condition number below which a matrix is treated as singular: a solve loses all digits.
+/// Reciprocal condition number below which a matrix is treated as singular, because a solve loses all digits.
 pub(super) const SINGULAR_RECIPROCAL: f64 = 1e-14;

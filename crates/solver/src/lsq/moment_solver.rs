@@ -25,7 +25,7 @@ pub struct MomentFit {
     /// Whether rounding errors hide each column's residual (c), because the mean of the values is large: see
     /// [`MomentProblem::lost`].
     pub lost: Vec<bool>,
-    /// Report on the fit, without norms of residuals by target, since these would need the samples.
+    /// Report on the fit, without norms of residuals by target, because these would need the samples.
     pub report: LsqReport,
     /// Standard errors (K, c) of the coefficients, if requested.
     pub standard_errors: Option<Array2<f64>>,
@@ -94,25 +94,28 @@ pub fn solve_moments(
     Ok(MomentFit { coefficients, residual_squares, lost, report, standard_errors })
 }
 
-/// Largest norm of the error of recovered coefficients if all functions are recovered. The component of each function
-/// in the known coefficients has the size 1.2.
+/// If the error of the recovered coefficients has at most this norm, [`determined`] treats all functions as recovered.
+/// A single function that isn't recovered causes an error of about 1.2.
 const MOST_LOST: f64 = 0.03;
-/// Optimality of the fit that recovers known coefficients, small enough for condition numbers of several thousand.
+/// Tolerance of the fit by which [`determined`] recovers known coefficients, unless the tolerance of the settings is
+/// smaller. It is small enough for normal matrices with condition numbers of several thousand.
 const RECOVERED: f64 = 1e-11;
 
-/// Returns whether the samples determine the coefficients without a penalty: whether a fit recovers known coefficients
-/// from their function's values at the samples.
+/// Returns whether the samples determine the coefficients without a penalty. This is tested by a fit that should
+/// recover known coefficients from the values of their function at the samples.
 ///
-/// Conjugate gradients from zero converge even if some functions are zero at all samples, and their condition number
-/// doesn't show these functions. This test shows them for any arrangement of the samples. It takes about as long as the
-/// fit of one column. `params` gives the strategy and the memory.
+/// Conjugate gradients from zero converge even if some functions are zero at all samples, and the condition number that
+/// they estimate doesn't reveal these functions. This test detects the functions for any arrangement of the samples.
+/// The test takes about as long as the fit of one column. `params` gives the strategy and the memory.
 ///
 /// # Errors
 ///
 /// The errors of [`solve_moments`].
 pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Monitor) -> Result<bool, SolverError> {
     let functions = basis_size(problem.max_degree());
-    // Sixteen random bits: coefficients that differ only in sign could cancel in a sum of two lost functions.
+    // Each known coefficient consists of sixteen random bits, so that their magnitudes differ. Suppose that they
+    // differed only in sign, and that the sum of two functions were zero at all samples. If the two coefficients had
+    // opposite signs, the fit would recover both by chance, and the test would pass.
     let digits = |k: usize| (0..16).map(move |bit| sign((16 * k + bit) as u64) * 0.5f64.powi(bit as i32));
     let known = Array2::from_shape_fn((functions, 1), |(k, _)| digits(k).sum::<f64>());
     let tolerance = params.tolerance.min(RECOVERED);
@@ -124,8 +127,8 @@ pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Mon
 }
 
 /// Solves for groups of columns in parallel, each to its own optimality. Groups that need a factor follow one after
-/// another. The result for a group is bit-identical to the result of [`solve_moments`] for the group alone, unless a
-/// factor is computed, which is also used for the following groups.
+/// another. The result for a group is bit-identical to the result of [`solve_moments`] for this group only, unless a
+/// factor is computed. A computed factor is also used for the following groups.
 ///
 /// # Errors
 ///
@@ -151,7 +154,7 @@ pub fn solve_moments_of_groups(
     }
     solver.notes_plans = false;
     // Fit the groups in parallel, each on one thread. Groups that need a factor follow one after another: a factor uses
-    // all threads, and there is memory for only one.
+    // all threads, and the memory suffices for only one factor.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;

@@ -10,9 +10,9 @@
 //!
 //! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
 //! sample is unknown. Rounding errors of moments are a few eps times `sum w`, and no pass over the samples corrects
-//! them: if the condition number of A approaches 1e7, digits of the solution are lost. The residual's sum of squares is
-//! a difference with an error of a few eps times `sum w f^2`. If the mean of f is large, this error can exceed the
-//! difference; [`MomentProblem::lost`] detects this.
+//! these errors. If the condition number of A approaches 1e7, digits of the solution are lost. The residual's sum of
+//! squares is a difference with an error of a few eps times `sum w f^2`. If the mean of f is large, this error can
+//! exceed the difference; [`MomentProblem::lost`] detects this.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -29,11 +29,11 @@ use crate::{MomentNormal, SolverError};
 /// Estimated rounding error of products with a [`MomentOperator`], relative to its norm. Measured errors are 9e-15 at
 /// degree 100 and 2e-14 at degree 500.
 const PRODUCT_ERROR: f64 = 1e-13;
-/// Least sum of squares of a residual that the sums determine, relative to `sum w f^2`. Measured errors are up to
-/// 6e-15, so the rms of such a residual is accurate to 1 %.
+/// The moments determine a residual's sum of squares if it is at least this fraction of the target's sum of squares,
+/// `sum w f^2`. Measured errors are up to 6e-15 of `sum w f^2`, so the rms of such a residual is accurate to 1 %.
 const LEAST_SQUARE: f64 = 1e-12;
-/// Largest ratio of `sum w f^2` to the same sum about the mean at which any residual counts as determined: the error of
-/// its rms is then below 1e-6 of the standard deviation of f.
+/// A residual of any size is accepted if `sum w f^2` is at most this multiple of `sum w (f - mean)^2`, because the
+/// error of the residual's rms is then below 1e-6 of the standard deviation of f.
 const LARGEST_RATIO: f64 = 100.0;
 
 /// A least-squares problem up to degree L, given by its moments.
@@ -132,7 +132,7 @@ impl MomentProblem {
         &self.normal
     }
 
-    /// Returns the Gram matrix `A^T W A`, from the same moments.
+    /// Returns the Gram matrix `A^T W A`, computed from this problem's moments.
     ///
     /// # Errors
     ///
@@ -155,15 +155,15 @@ impl MomentProblem {
         Ok(squares.map(|((square, explained), left)| (square - explained - left).max(0.0)).collect())
     }
 
-    /// Returns, for the residuals' sums of squares (c), whether rounding errors hide each residual because the column's
-    /// mean is much larger than its deviation from the mean.
+    /// Returns for each column whether rounding errors hide its residual, because the column's mean is much larger than
+    /// its deviation from the mean. `residual_squares` (c) contains the residuals' sums of squares.
     pub fn lost(&self, residual_squares: &[f64]) -> Vec<bool> {
         let columns = residual_squares.iter().zip(&self.squares).zip(self.centred_squares());
         columns.map(|((&left, &all), centred)| is_lost(left, all, centred)).collect()
     }
 
     /// Returns the column with the largest values if rounding errors hide the residual of all columns together. `left`
-    /// is its sum of squares.
+    /// is the sum of that residual's squares.
     pub(super) fn lost_together(&self, left: f64) -> Option<usize> {
         let lost = is_lost(left, self.squares.iter().sum(), self.centred_squares().iter().sum());
         let largest = self.squares.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
@@ -174,7 +174,8 @@ impl MomentProblem {
     pub(super) fn centred(&self) -> Self {
         let mut right_sides = self.right_sides.clone();
         for (mut column, mean) in right_sides.columns_mut().into_iter().zip(self.means()) {
-            // The right-hand side of the constant 1 consists of the moments to degree L.
+            // The constant function 1 has the moments to degree L as its right-hand side, so subtract the mean times
+            // the moments.
             column.iter_mut().zip(self.normal.moments()).for_each(|(sum, moment)| *sum -= mean * moment);
         }
         Self { right_sides, squares: self.centred_squares(), normal: self.normal.clone(), ..*self }
@@ -193,7 +194,7 @@ impl MomentProblem {
 }
 
 /// Returns whether rounding errors hide a residual with the sum of squares `left`. `all` is `sum w f^2`, and `centred`
-/// the same sum about the mean.
+/// is `sum w (f - mean)^2`.
 fn is_lost(left: f64, all: f64, centred: f64) -> bool {
     left < LEAST_SQUARE * all && all > LARGEST_RATIO * centred
 }

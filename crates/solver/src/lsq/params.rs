@@ -6,7 +6,7 @@
 pub enum Strategy {
     /// Runs conjugate gradients, preconditioned with the density if moments of an uneven sampling are used. If the
     /// iterations are slow, switches to a Cholesky factor with refinement, shifted if the normal matrix is singular. If
-    /// a factor is already available, mostly uses that factor from the start.
+    /// a factor is already available, uses that factor from the start in most cases.
     Auto,
     /// Runs conjugate gradients without a preconditioner.
     Cg,
@@ -28,7 +28,7 @@ pub struct LsqParams {
     pub unread: Option<Vec<bool>>,
     /// Smoothness penalty, lambda, at least 0; default 0. Adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,
-    /// Penalties (L + 1) of the degrees, finite and not negative; none by default. Adds `sum_l p_l |a_l|^2` to the
+    /// Penalties (L + 1) of the degrees, finite and not negative; none by default. They add `sum_l p_l |a_l|^2` to the
     /// squared residual, with a_l the coefficients of degree l.
     pub penalty: Option<Vec<f64>>,
     /// Method; default [`Strategy::Auto`].

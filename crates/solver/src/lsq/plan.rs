@@ -51,7 +51,7 @@ pub(super) enum Factor {
     Stored { reciprocal: f64 },
 }
 
-/// Settings of the caller that determine the steps.
+/// The caller's settings, on which the choice of a fit's steps depends.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request {
     pub(super) strategy: Strategy,

@@ -51,15 +51,16 @@ impl<P: Preconditioner + ?Sized> Preconditioner for &P {
     }
 }
 
-/// The inverse of the diagonal that N would have on an even sampling of the sphere, `sum w / 4 pi + P`. Without a
-/// penalty this is a multiple of the identity, which doesn't change the iterates.
+/// The inverse of the diagonal `sum w / 4 pi + P`, which the normal matrix N would have on an even sampling of the
+/// sphere. Without a penalty this is a multiple of the identity, which doesn't change the iterates.
 #[derive(Debug)]
 pub struct Diagonal {
     inverse: Vec<f64>,
 }
 
 impl Diagonal {
-    /// Computes the inverse from the sum of the weights and the diagonal (K) of the penalty.
+    /// Computes the inverse of the diagonal from `weight`, the sum of the weights, and `penalty`, the diagonal (K) of
+    /// P.
     pub fn new(max_degree: usize, weight: f64, penalty: Option<&[f64]>) -> Self {
         let even = weight / (4.0 * std::f64::consts::PI);
         let inverse = match penalty {

@@ -21,8 +21,8 @@ pub(crate) trait Problem: Sync {
     /// there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
-    /// Returns a bound on the errors of products, compared with products from the samples, or with exact products if
-    /// there are no samples; `None` if unknown.
+    /// Returns a bound on the errors of [`product`](Self::product), compared with a product that is computed from the
+    /// samples, or with the exact product if there are no samples; `None` if unknown.
     fn product_error(&self) -> Option<ProductError> {
         None
     }
@@ -38,7 +38,7 @@ pub(crate) trait Problem: Sync {
     }
 }
 
-/// A bound on the errors of products.
+/// A bound on the errors of products `N x` with the normal matrix N: `relative * norm`, for x of norm 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ProductError {
     /// Error relative to the norm of N.
@@ -47,7 +47,7 @@ pub(crate) struct ProductError {
     pub(crate) norm: f64,
 }
 
-/// A residual r, with the slope of each column.
+/// A residual, with the slope `(A x)^T W r` of each of its columns r.
 pub(crate) struct Residual {
     /// Residual `f - A x` (n, c).
     pub(crate) values: Array2<f64>,
@@ -89,7 +89,8 @@ impl Problem for Sampled<'_> {
     }
 
     fn product_error(&self) -> Option<ProductError> {
-        // With a penalty no bound is given, because the slopes of the residual don't include the penalty.
+        // The bound on the error is used to compare the gradient with [`Residual::slopes`]. The slopes don't include a
+        // penalty, so no bound is given if there is a penalty.
         let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
         Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }

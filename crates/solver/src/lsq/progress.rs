@@ -11,7 +11,7 @@ pub(crate) struct Progress {
     after: usize,
     /// Number of iterations over which progress is measured.
     every: usize,
-    /// Largest predicted number of remaining iterations for which the iteration continues.
+    /// The iteration is abandoned if the predicted number of remaining iterations exceeds this number.
     most: f64,
     /// Optimality at the last measurement.
     before: f64,
@@ -62,15 +62,16 @@ mod tests {
     #[test]
     fn iterations_beside_a_factor_go_on_while_few_are_left() {
         let beside = Progress::new(&BESIDE, false, 1e-12, 1.0);
-        // An iteration of twelve steps, each gaining a factor of ten, has nine steps left after three: few enough to
-        // continue.
+        // If each step gains a factor of ten, the iteration takes twelve steps. After three steps, the nine remaining
+        // steps are few enough to continue.
         assert_eq!(given_up(beside, 10.0), None);
-        // An iteration of forty steps, each gaining a factor of two, is abandoned after three.
+        // If each step gains a factor of two, the iteration takes forty steps. After three steps, the 37 remaining
+        // steps are too many, so the iteration is abandoned.
         assert_eq!(given_up(beside, 2.0), Some(3));
         assert_eq!(given_up(beside, 1.0), Some(3));
         // Progress before the first step isn't counted.
         assert_eq!(given_up(Progress::new(&BESIDE, false, 1e-12, 1e-2), 10.0), Some(3));
-        // Nine remaining steps are more than the four that are allowed if the density preconditions.
+        // Nine remaining steps are more than the four that are allowed if the density is the preconditioner.
         assert_eq!(given_up(Progress::new(&BESIDE, true, 1e-12, 1.0), 10.0), Some(3));
     }
 

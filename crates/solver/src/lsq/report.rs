@@ -34,9 +34,9 @@ pub struct LsqReport {
     pub optimalities: Vec<f64>,
     /// Reason why the fit ended.
     pub stop: Stop,
-    /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density
-    /// from moments is the preconditioner; infinite (null in JSON) if the matrix is numerically singular, NaN (null) if
-    /// unknown.
+    /// Estimated condition number of the basis matrix, including weights and penalty. If the density from moments is
+    /// the preconditioner, the value is an upper bound. The value is infinite (null in JSON) if the matrix is
+    /// numerically singular, and NaN (null) if it is unknown.
     pub condition: f64,
     /// Shift of the diagonal of a singular normal matrix, relative to the largest diagonal entry; zero otherwise.
     pub shift: f64,
@@ -60,9 +60,9 @@ pub struct LsqReport {
 #[non_exhaustive]
 pub struct StepReport {
     /// Name of the step: `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`,
-    /// `iterations with the factor`; `confirmation`, which recomputes the gradient if necessary and resumes the
-    /// iterations if the tolerance isn't met; `iterations from zero`, which repeats iterations that were dominated by
-    /// rounding errors.
+    /// `iterations with the factor`, `confirmation` or `iterations from zero`. A confirmation recomputes the gradient
+    /// if necessary, and resumes the iterations if the tolerance isn't met. Iterations from zero repeat iterations that
+    /// were dominated by rounding errors.
     pub name: &'static str,
     /// Preconditioner of the step, as in [`LsqReport::preconditioner`].
     pub preconditioner: &'static str,
@@ -107,7 +107,8 @@ impl LsqReport {
 pub struct LsqSeconds {
     /// Seconds for computing the Gram matrix and factorising it.
     pub factor: f64,
-    /// Seconds for computing moments of the sampling, the operator from them and its approximate inverse.
+    /// Seconds for computing the moments of the sampling, the normal operator from these moments, and the approximate
+    /// inverse of this operator.
     pub moments: f64,
     /// Seconds for conjugate gradients.
     pub iterations: f64,
@@ -119,7 +120,7 @@ pub struct LsqSeconds {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {
-    /// No factor was computed, because there is no memory for one, or because the solution isn't unique.
+    /// No factor was computed, because the memory doesn't suffice or because the solution isn't unique.
     #[error("no Cholesky factor was computed: {reason}")]
     NoFactor {
         /// Reason why no factor was computed.

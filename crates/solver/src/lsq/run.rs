@@ -47,7 +47,8 @@ impl Taken {
         self.add_of(step, iterations, cg, left);
     }
 
-    /// Adds a finished step whose iterations aren't iterations of conjugate gradients.
+    /// Adds a finished step like [`add`](Self::add), but with a number of `iterations` that `cg` doesn't include, such
+    /// as refinements.
     pub(super) fn add_of(&mut self, step: Done<'_>, iterations: usize, cg: &Cg, left: Option<String>) {
         let Done { name, preconditioner, why } = step;
         let (seconds, optimality, why) = (self.since.elapsed().as_secs_f64(), cg.optimality(), why.to_string());
@@ -88,7 +89,8 @@ impl LsqSolver<'_> {
                 &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
                     let stop = self.iterate(&mut cg, precondition, at_most, leave_for_factor, given, monitor)?;
                     ended = (stop, precondition);
-                    // The user's limit on iterations applies to the entire fit: if it is reached, no factor follows.
+                    // The user's limit on iterations applies to the entire fit: if it is reached, the fit doesn't
+                    // switch to a factor.
                     let over = stop != Stop::IterationLimit || cg.iterations >= self.params.max_iterations;
                     let left = match (stop, over) {
                         (Stop::Converged, _) => None,
@@ -162,7 +164,8 @@ impl LsqSolver<'_> {
         let why = "checks the gradient for accumulated rounding errors";
         taken.add(Done::new("confirmation", name, &why), cg, wrong.map(str::to_owned));
         if too_far {
-            // Rounding errors have dominated: repeat the iterations, but only up to the best one.
+            // Rounding errors have dominated: repeat the iterations, but only up to the iteration with the best
+            // optimality.
             let before = cg.iterations;
             let first = CgParams { max_iterations: cg.best_at, ..params };
             *cg = Cg::new(&*self.problem(given))?;
@@ -212,7 +215,7 @@ impl LsqSolver<'_> {
         let accuracy = MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance;
         let started = Instant::now();
         let right_sides = self.take_moments(accuracy.clamp(FINEST, COARSEST_MOMENT_ACCURACY), targets, monitor)?;
-        // Compute the inverse of the density now, if it is needed, so that its time is counted.
+        // Compute the inverse of the density now, if it is needed, so that its time is included in `moment_seconds`.
         let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
@@ -234,9 +237,9 @@ impl LsqSolver<'_> {
     }
 }
 
-/// Returns whether a column of x has a larger squared residual, penalty included, than x = 0 would have:
-/// `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with b the right-hand side and r = b - N x the
-/// gradient.
+/// Returns whether the squared residual of a column, including the penalty, is larger for x than for x = 0. The
+/// difference is `|W^(1/2) (f - A x)|^2 + x^T P x - |W^(1/2) f|^2 = -x^T (b + r)`, with the right-hand side b and the
+/// gradient `r = b - N x`.
 fn further_than_zero(cg: &Cg, problem: &dyn Problem) -> Result<bool, SolverError> {
     let sum = problem.right_sides()? + &cg.gradient;
     Ok(dots(&cg.x, &sum).iter().any(|gain| *gain < 0.0))

@@ -1,5 +1,5 @@
-//! Independent random signs from a counter, for estimates of traces and for noise. They are the same on every machine
-//! and in any order of evaluation.
+//! Independent random signs from a counter, for estimates of traces and for noise. The signs are the same on every
+//! machine and in any order of evaluation.
 
 /// Returns the sign, 1 or -1, at a position of the sequence: a bit of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood,
 /// "Fast splittable pseudorandom number generators", OOPSLA 2014).

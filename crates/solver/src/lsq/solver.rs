@@ -110,7 +110,7 @@ pub(super) struct Solution {
     pub(super) preconditioner: &'static str,
     /// Number of refinements with a factor; `None` without a factor.
     pub(super) refinements: Option<usize>,
-    /// Targets minus synthesis (n, c), if there are samples.
+    /// Residual (n, c): targets minus the fit's values at the samples. `None` for fits from moments.
     pub(super) residual: Option<Array2<f64>>,
 }
 
@@ -204,9 +204,9 @@ impl<'a> LsqSolver<'a> {
     ///
     /// [`SolverError::Rows`] or [`SolverError::NotFinite`] if the targets are invalid, [`SolverError::Interrupted`] if
     /// the monitor cancels the fit, and the errors of the operator, the Gram matrix and the stored factor. If the
-    /// strategy requires a factor, also [`SolverError::NoGram`] if there is no Gram matrix to compute the factor from,
-    /// and an error if the memory budget or a limit of the process is too low for the factor. A fit that doesn't
-    /// converge isn't an error.
+    /// strategy requires a factor, also [`SolverError::NoGram`] if there is no Gram matrix from which the factor can be
+    /// computed, and an error if the memory budget or a limit of the process is too low for the factor. A fit that
+    /// doesn't converge isn't an error.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,

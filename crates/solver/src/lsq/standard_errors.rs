@@ -9,15 +9,17 @@ use crate::SolverError;
 use crate::gram::smoothness_penalty;
 
 impl LsqSolver<'_> {
-    /// Computes the standard errors (K, c) of the coefficients: `sigma sqrt(diag N^-1)` without a smoothness. With a
-    /// smoothness penalty P they are the standard deviations over repeated measurements,
+    /// Computes the standard errors (K, c) of the coefficients: `sigma sqrt(diag N^-1)` without a smoothness penalty.
+    /// With a smoothness penalty P, the standard errors are the standard deviations over repeated measurements,
     /// `sigma sqrt(diag(N^-1 - N^-1 P N^-1))`, which don't include the penalty's bias. Penalties by degree
-    /// ([`LsqParams::penalty`](crate::LsqParams::penalty)) are taken as inverse variances of a prior, relative to
-    /// sigma^2, whose bias is included: without a smoothness, the standard errors are those of the posterior.
+    /// ([`LsqParams::penalty`](crate::LsqParams::penalty)) are interpreted as sigma^2 divided by the variances of a
+    /// prior. The bias of these penalties is included. Without a smoothness penalty, the standard errors are then the
+    /// standard deviations of the posterior.
     ///
-    /// `sigma^2` is the weighted sum of squares of the residual (n, c), divided by the number of rows with nonzero
-    /// weight minus the trace of the hat matrix `A N^-1 A^T W`, which is K without a penalty. The diagonals need the
-    /// entire factor, and `K^3 / 3` flops, or `2 K^3 / 3` with a smoothness.
+    /// `sigma^2` is the weighted sum of squares of the residual (n, c), divided by the degrees of freedom. The degrees
+    /// of freedom are the number of rows with nonzero weight minus the trace of the hat matrix `A N^-1 A^T W`. This
+    /// trace is K without a penalty. The diagonals need the entire factor, and `K^3 / 3` flops, or `2 K^3 / 3` with a
+    /// smoothness penalty.
     ///
     /// # Errors
     ///
@@ -71,7 +73,8 @@ impl LsqSolver<'_> {
         Ok(Array2::from_shape_fn((columns, squares.len()), |(k, c)| sigma[c] * variances[k].max(0.0).sqrt()))
     }
 
-    /// Returns the error for coefficients that aren't determined, with the advice for the penalty.
+    /// Returns the [`SolverError`] for coefficients that aren't determined. With a penalty, the error states whether a
+    /// smaller or a larger penalty is needed.
     fn undetermined(&self, rows: usize, columns: usize) -> SolverError {
         let Some(penalty) = &self.penalty else { return SolverError::Underdetermined { rows, columns } };
         let sampled = match (self.source, &self.params.weights) {
@@ -80,7 +83,8 @@ impl LsqSolver<'_> {
             (_, None) => rows as f64,
         };
         let largest = penalty.iter().copied().fold(0.0, f64::max);
-        // The diagonal of A^T W A is about the sum of the weights, divided by 4 pi.
+        // A smaller penalty is needed if the penalty exceeds the diagonal of A^T W A, which is about the sum of the
+        // weights divided by 4 pi.
         let needed = if largest > sampled / (4.0 * std::f64::consts::PI) { "smaller" } else { "larger" };
         SolverError::UnderdeterminedWithPenalty { rows, columns, needed }
     }

@@ -10,13 +10,13 @@
 //! | any | moments that pay off later | iterations by samples until then, moments, iterations by moments |
 //! | any | no moments that pay off | iterations by samples |
 //!
-//! The exception: a stored factor of a well-conditioned matrix isn't used for few columns, or if moments and a few
-//! iterations cost less than using the factor. Iterations by moments are preconditioned with the density if the density
-//! is requested or the choice is left to the solver, provided that there is no penalty and there are enough rows. With
-//! auto, iterations end early if a factor seems faster, provided that there are at most as many basis functions as
-//! rows, and that there is a factor or a Gram matrix. The iterations are then followed by factor and refinement, or by
-//! further iterations if the factor can't be computed. Rows of weight 0 only count towards the cost of products and,
-//! with a penalty, towards the rows needed for a factor. The constants are in `limits`.
+//! There is one exception to the table. A stored factor of a well-conditioned matrix isn't used for few columns, or if
+//! moments and a few iterations cost less than using the factor. Iterations by moments are preconditioned with the
+//! density if the density is requested or the choice is left to the solver, provided that there is no penalty and there
+//! are enough rows. With auto, iterations end early if a factor seems faster, provided that there are at most as many
+//! basis functions as rows, and that there is a factor or a Gram matrix. The iterations are then followed by factor and
+//! refinement, or by further iterations if the factor can't be computed. Rows of weight 0 are counted only for the cost
+//! of products and, with a penalty, for the number of rows that a factor requires. The constants are in `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -89,7 +89,7 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
     plan
 }
 
-/// Returns why a fit begins with a factor.
+/// Returns the reason why a fit uses a factor from the start, without iterations before it.
 fn why_at_once(strategy: Strategy, factor: Factor) -> Why {
     match factor {
         _ if strategy == Strategy::Cholesky => Why::Requested,
@@ -114,14 +114,15 @@ pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool
 }
 
 /// Returns whether the solution isn't unique, because there is no penalty and there are fewer rows with nonzero weight
-/// than basis functions. Iterations then tend to the solution of minimum norm. A factor of the shifted normal matrix
-/// doesn't, because its inverse magnifies the transforms' errors in the undetermined components.
+/// than basis functions. Iterations then tend to the solution of minimum norm. Solutions by a factor of the shifted
+/// normal matrix don't, because its inverse magnifies the transforms' errors in the undetermined components.
 pub(super) fn is_undetermined(sizes: &Sizes, request: &Request) -> bool {
     !request.penalised && sizes.rows_with_weight < basis_size(sizes.max_degree)
 }
 
-/// Returns the number of iterations by samples before moments are computed. It is zero if moments pay off within the
-/// expected iterations, else the number after which they would have paid off; `None` if moments aren't to be computed.
+/// Returns the number of iterations by samples before moments are computed. The number is zero if moments save time
+/// within the expected iterations. Otherwise it is the number of iterations after which moments would have saved time.
+/// Returns `None` if moments aren't to be computed.
 fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -> Option<usize> {
     let paid_after = cost.paid_after();
     match moments {
@@ -133,7 +134,7 @@ fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -
     }
 }
 
-/// Returns whether it pays off to begin with iterations by moments even though there is a stored factor of a
+/// Returns whether it saves time to begin with iterations by moments even though there is a stored factor of a
 /// well-conditioned matrix.
 fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
     let (making, each) = match (moments, before_moments) {

@@ -13,15 +13,16 @@ pub(super) enum Why {
     FactorStored,
     /// The factor gives a first solution, which the step refines.
     AfterFactor,
-    /// Moments are computed first, because they pay off early in the expected iterations.
+    /// Moments are computed first. They save time after fewer iterations (`after`) than are expected (`expected`).
     MomentsPay { after: f64, expected: f64 },
-    /// The requested density is computed from the moments.
+    /// The requested preconditioner is the density of the samples, which is computed from the moments.
     DensityRequested,
-    /// Moments pay off only after some iterations by samples.
+    /// The first iterations use the samples, because moments pay off only if more iterations than `after` are needed.
     UntilMomentsPay { after: f64 },
-    /// After the iterations before the step, moments would have saved time, so they may for the rest, too.
+    /// Moments would have saved time in the previous iterations, so they may also save time in the remaining
+    /// iterations.
     MomentsPaidOff,
-    /// The moments exist or were computed in the step before.
+    /// The moments exist or were computed in the previous step.
     MomentsExist,
     /// Moments would pay off too late, or never.
     MomentsPayLate { after: f64 },
@@ -29,7 +30,7 @@ pub(super) enum Why {
     NoMoments,
     /// The iterations before the step didn't converge, and were predicted to take longer than a factor.
     SlowIterations,
-    /// The factor of the step before couldn't be computed.
+    /// The previous step couldn't compute a factor.
     NoFactor,
 }
 

@@ -29,7 +29,7 @@ impl MatrixFreeOperator {
         Ok(Self { transform: Transform::new(directions, params)?, twice: None, accuracy: params.accuracy })
     }
 
-    /// Plans transforms for `directions` that share the sorting of directions with the transforms of
+    /// Plans transforms for `directions`. The directions are sorted once, for these transforms and for those of
     /// [`moments`](Self::moments).
     ///
     /// # Errors
@@ -56,7 +56,8 @@ impl MatrixFreeOperator {
     ) -> Result<usize, SolverError> {
         let TransformParams { max_degree, accuracy, channels: group } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
-        // Bytes of the grids of twice the size for the channels of a group, and of a grid for the weights.
+        // Moments have degrees up to 2L. Their grids are twice as wide: one for each channel of a group, and one for
+        // the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
@@ -144,8 +145,8 @@ impl<'a> DeferredOperator<'a> {
         if let Some(planned) = self.planned.get() {
             return Ok(planned);
         }
-        // Plan outside the cell's initialisation: within it, this thread may take up other work that itself waits for
-        // the cell.
+        // Plan before the cell is initialised. Planning within `get_or_init` could cause a deadlock, because this
+        // thread may meanwhile take up other work that itself waits for the cell.
         let planned = MatrixFreeOperator::new(self.directions, &self.params)?;
         Ok(self.planned.get_or_init(|| planned))
     }

@@ -58,7 +58,7 @@ pub(super) fn apply_adjoint_by_blocks(
             Ok::<(), SolverError>(())
         })?;
         block.check()?;
-        // Add in the order of the chunks: the sums then don't depend on the number of threads.
+        // Add in the order of the chunks, so that the sums don't depend on the number of threads.
         for sum in sums {
             let sum = sum.into_inner().unwrap_or_else(PoisonError::into_inner);
             let mut rows = result.slice_mut(ndarray::s![first_column(l)..first_column(l + 1), ..]);

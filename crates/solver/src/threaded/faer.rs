@@ -2,8 +2,8 @@
 //! process.
 //!
 //! The halving of a matrix depends only on its size, so results don't depend on the number of threads. faer's own
-//! parallelism isn't used: it is a compile-time feature of the entire program, which would also make sequential calls
-//! elsewhere parallel.
+//! parallelism isn't used, because it is a compile-time feature of the entire program. It would also parallelise the
+//! sequential calls of faer in other crates.
 
 use spharm_harmonics::product::Matrix;
 use spharm_linalg::{Accum, MatMut, MatRef, NotPositiveDefinite, add_gram, cholesky_in_place, matmul, solve_lower};
@@ -15,7 +15,7 @@ use super::{ThreadedKernels, assert_extent};
 const TILE: usize = 512;
 /// Largest order of a matrix that is factorised by one thread.
 const FACTOR: usize = 256;
-/// Largest number of rows that one thread divides by a triangle.
+/// Largest number of rows for which one thread solves with a triangular factor. More rows are split between threads.
 const DIVIDED_ROWS: usize = 256;
 
 /// Runs faer on the threads of the caller's rayon pool.
@@ -26,8 +26,8 @@ pub struct Faer {
 
 impl ThreadedKernels for Faer {
     const RESERVED_PER_THREAD: usize = 0;
-    /// Bytes of the copies that a thread makes of the factors of a product: for two tiles with as many columns as
-    /// `cholesky/factorise.rs` subtracts at a time, and for a tile of a Gram matrix with 2,048 rows.
+    /// Bytes that a thread needs for copies of the factors of a product. They suffice for the two tiles of a product in
+    /// `cholesky/factorise.rs`, and for a tile of a Gram matrix that is summed over 2,048 rows of the basis.
     const TOUCHED_PER_THREAD: usize = 20 << 20;
 
     fn version() -> String {
@@ -118,9 +118,9 @@ impl Faer {
         self.join(|| self.divide(c, above), || self.divide(c, below));
     }
 
-    /// Computes the lower Cholesky factor by halves: factorises the first diagonal block, divides the block below it by
-    /// that factor, subtracts the product of the result with its transpose from the second diagonal block, and
-    /// factorises the second diagonal block.
+    /// Computes the lower Cholesky factor by halves. First factorises the first diagonal block, and divides the block
+    /// below it by that factor. Then subtracts the product of the result with its transpose from the second diagonal
+    /// block, and factorises the second diagonal block.
     fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
         let k = matrix.nrows();
         if k <= FACTOR {

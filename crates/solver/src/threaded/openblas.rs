@@ -1,6 +1,6 @@
 //! Implements the threaded operations with OpenBLAS. All calls to OpenBLAS are in this file.
 //!
-//! All callers of OpenBLAS in a process share one number of threads and one set of buffers, and OpenBLAS reserves
+//! All callers of OpenBLAS in a process share one number of threads and one set of buffers. OpenBLAS reserves
 //! [`RESERVED_PER_THREAD`](ThreadedKernels::RESERVED_PER_THREAD) bytes for each calling thread and each of its worker
 //! threads. Therefore only one caller at a time, the holder of an [`OpenBlas`], may use OpenBLAS.
 //!
@@ -50,7 +50,7 @@ impl ThreadedKernels for OpenBlas {
     fn with_threads(threads: usize) -> Self {
         let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. The lock keeps other callers
-        // from setting it meanwhile.
+        // from changing the number meanwhile.
         let threads_before = unsafe {
             let before = openblas_get_num_threads();
             openblas_set_num_threads(threads.clamp(1, 1024) as c_int);
@@ -93,7 +93,7 @@ impl ThreadedKernels for OpenBlas {
         let k = c.columns();
         assert_eq!(c.rows(), k, "a triangle");
         assert_extent(out, rows, k, leading);
-        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` that of the triangle.
+        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` has checked the extent of the triangle.
         unsafe {
             cblas_sys::cblas_dtrsm(
                 CBLAS_LAYOUT::CblasColMajor,
@@ -116,7 +116,8 @@ impl ThreadedKernels for OpenBlas {
         let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
         assert_eq!(b.columns(), k, "both factors must have the same number of columns");
         assert_extent(out, rows, columns, leading);
-        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` those of both factors.
+        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` has checked the extents of both
+        // factors.
         unsafe {
             cblas_sys::cblas_dgemm(
                 CBLAS_LAYOUT::CblasColMajor,
@@ -154,11 +155,11 @@ mod tests {
     use super::*;
 
     fn threads() -> c_int {
-        // SAFETY: it only reads a number.
+        // SAFETY: the function only reads a number.
         unsafe { openblas_get_num_threads() }
     }
 
-    /// Returns OpenBLAS's number of threads while no other test uses it.
+    /// Returns OpenBLAS's number of threads while no other test uses OpenBLAS.
     fn threads_of_nobody() -> c_int {
         let _only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         threads()

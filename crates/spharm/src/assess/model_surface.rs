@@ -61,11 +61,11 @@ impl ReadSurface {
     }
 }
 
-/// Minimum number of icosphere vertices per basis function. With this number, edges are a sixth of the shortest
-/// wavelength.
+/// Minimum number of icosphere vertices per basis function. With this number of vertices, the edges of the icosphere
+/// are a sixth of the shortest wavelength.
 const VERTICES_PER_FUNCTION: usize = 12;
 
-/// Number of points per basis function from which distances are measured on each surface. A fit has a quarter as many
+/// Number of points per basis function from which distances are measured on each surface. A fit uses a quarter as many
 /// samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
@@ -75,8 +75,8 @@ const LEVELS: [u32; 2] = [4, 8];
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
 
-/// Smallest distance of a model's mean position from the origin along an axis at which distances are measured about the
-/// mean position, relative to the bounding box's size.
+/// Distances are measured about a model's mean position if this position is farther from the origin, along an axis,
+/// than this multiple of the bounding box's size.
 const FAR: f64 = 1000.0;
 
 /// An icosphere on which models of one degree are evaluated, to compare the models with their surfaces.
@@ -113,9 +113,11 @@ impl ModelSurface {
         let nodes = vertices(level);
         let transform = Transform::bytes(&params(max_degree), nodes, 3).ok()?;
         let triangles = faces.max(2 * nodes);
-        // Vertices are points, too. Each triangle has at least one point; large triangles have more.
+        // Points are placed at the vertices, which are about half as many as the triangles, and in the triangles: at
+        // least one point in each triangle, and more points in large triangles.
         let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles + triangles / 2;
-        // A mesh takes 48 bytes per vertex. There are the icosphere, the model with its values, and the surface.
+        // A mesh takes 48 bytes per vertex. The memory holds the icosphere, the model's mesh and its values, and the
+        // surface.
         let meshes = (48 + 48 + 24) * nodes + 24 * faces;
         Some(transform + TRIANGLE * triangles + POINT * points + meshes)
     }
@@ -139,8 +141,9 @@ impl ModelSurface {
         monitor: &dyn Monitor,
     ) -> Result<Option<SurfaceDistances>, Error> {
         let Some(scale) = scale else { return Ok(None) };
-        // The transform's errors are relative to the coefficients, of which the position is the largest far from the
-        // origin. There, distances are measured about the model's mean position.
+        // The transform's errors are proportional to the largest coefficients. Far from the origin, these are the
+        // coefficients of the model's position. Therefore the mean position is subtracted from the model and the
+        // surface before distances are measured.
         let mean: [f64; 3] = std::array::from_fn(|k| {
             let value = coefficients[[0, k]] / (4.0 * PI).sqrt();
             if value.abs() > FAR * scale { value } else { 0.0 }

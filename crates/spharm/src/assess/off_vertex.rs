@@ -8,17 +8,17 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// Largest product of the number of triangle centres and the number of basis functions. The evaluation takes some
-/// hundredths of a second up to degree 300.
+/// The number of triangle centres times the number of basis functions is limited to this number, so that the evaluation
+/// takes only some hundredths of a second up to degree 300.
 const WORK: usize = 20_000_000;
 /// Minimum and maximum number of triangle centres.
 const PLACES: [usize; 2] = [200, 2000];
 /// A model is reported as oscillating if its rms distance at the triangle centres is more than `OSCILLATION` times its
 /// rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. A smooth
-/// model bulges over a flat triangle by less.
+/// model is closer to the flat triangles than these limits.
 const OSCILLATION: f64 = 10.0;
-/// Smallest rms distance at the triangle centres, relative to the rms of the triangles' longest edges, at which a model
-/// is reported as oscillating; see [`OSCILLATION`].
+/// A model is reported as oscillating only if its rms distance at the triangle centres is more than this multiple of
+/// the rms of the triangles' longest edges; see [`OSCILLATION`].
 const LEAST: f64 = 0.3;
 
 /// Centres of triangles of a sphere, chosen at equal steps in the list of triangles.

@@ -14,8 +14,8 @@ pub struct Carried {
     pub point: Vec3,
     /// Distance of the original point from the surface of the source.
     pub off: f64,
-    /// Whether both source and target have a counterpart of the template at this point. If not, the position is a
-    /// guess.
+    /// Whether both the source and the target have a counterpart of the template at this point. If either of them lacks
+    /// a counterpart, the position is a guess.
     pub reached: bool,
 }
 

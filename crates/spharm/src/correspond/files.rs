@@ -101,7 +101,7 @@ pub struct MemberOrigin {
     pub input: Option<FileRecord>,
     /// Whether the surface was mirrored (x to -x) before it was aligned.
     pub mirrored: bool,
-    /// Order of the axes in which a volume was read; `None` for other files, and for records that lack it.
+    /// Order of the axes in which a volume was read; `None` for other files, and for records without this field.
     pub axes: Option<String>,
     /// Reasons to check the member.
     pub warnings: Vec<String>,

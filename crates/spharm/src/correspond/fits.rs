@@ -50,9 +50,10 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines the correspondence by the group's statistics: each member's points move along its surface, are
-    /// projected onto it and are fitted again. Returns a report and the number of flipped triangles of each member.
-    /// Updates `reached` for the moved points. The corners of flipped triangles are marked as not reached.
+    /// Refines the correspondence by the group's statistics: each member's points move along its surface, are projected
+    /// onto it and are fitted again. Returns a report and the number of flipped triangles of each member. Updates
+    /// `reached`, which states for each point of each member whether it has a counterpart on the member's surface. The
+    /// corners of flipped triangles are marked as having none.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -75,7 +76,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // Only the template's triangles are used, so its drift isn't prepared.
+        // Only the template's triangles are used here, so the template is prepared without the drift.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -119,10 +120,10 @@ impl Fitted {
         Ok(turned)
     }
 
-    /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each
-    /// point is reached. A point is the model's value plus the residual, which is interpolated linearly within
-    /// triangles. If the flow is zero, points therefore don't move. Linear interpolation of the points themselves would
-    /// cause kinks.
+    /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each of
+    /// these points is interpolated only from points marked in `reached`. A point is the model's value plus the
+    /// residual, which is interpolated linearly within triangles. If the flow is zero, points therefore don't move.
+    /// Linear interpolation of the points themselves would cause kinks.
     fn carried(
         &self,
         index: usize,
@@ -134,7 +135,8 @@ impl Fitted {
         let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
         let before = at_sphere.synthesis(model)?;
-        // Columns 0 to 2 contain the model's residual. Column 3 is 1 for points that aren't reached, and 0 for others.
+        // Columns 0 to 2 contain the model's residual. Column 3 is 1 for the points that aren't marked in `reached`,
+        // and 0 for all other points.
         let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
             3 => f64::from(u8::from(!reached[v])),
             _ => self.places[index][v][k] - before[[v, k]],
@@ -180,8 +182,9 @@ pub(super) fn record_motion(model: &mut Model, similarity: &Similarity) {
     model.provenance.other.insert("to_group".to_owned(), json!(similarity));
 }
 
-/// Returns the settings of the fits over the group's sphere. Corresponding points lie on the surfaces, but the
-/// triangles between them cut corners: a fit of the triangles would lose 1 % of the volume with 642 points.
+/// Returns the settings of the fits over the group's sphere. The fits use only the corresponding points, which lie on
+/// the surfaces. The flat triangles between these points lie inside curved surfaces: with 642 points, a fit of the
+/// triangles would lose 1 % of the volume.
 fn of_fits(params: &CorrespondParams) -> FitParams {
     FitParams {
         memory: params.memory,

@@ -1,9 +1,9 @@
 //! Moves members from the frames in which their corresponding points are found to their final frames.
 //!
-//! If size explains the differences in a group, the members' points are found at the template's size
-//! ([`GroupPoses::at_one_size`](spharm_surface::pose::GroupPoses::at_one_size)). At its own size, the point nearest to
-//! a place wouldn't be the corresponding one even on a body of the same shape, and the registration and the refinement
-//! would take part of the difference in size for a difference in shape.
+//! If size explains the differences in a group, each member is scaled to the template's size before its corresponding
+//! points are found ([`GroupPoses::at_one_size`](spharm_surface::pose::GroupPoses::at_one_size)). If two bodies have
+//! the same shape but different sizes, the nearest point on the other body isn't the corresponding point. The
+//! registration and the refinement would therefore treat part of a difference in size as a difference in shape.
 
 use spharm_surface::Similarity;
 use spharm_surface::geometry::Vec3;
@@ -11,9 +11,9 @@ use spharm_surface::geometry::Vec3;
 use super::params::CorrespondParams;
 use super::together::{centre, weights};
 
-/// Moves each member to its own size, about its centre, or back to its given pose if this is kept; mirrored members
-/// then to the mirror images of these. `similarities` map the surfaces to the frames in which the members' points
-/// `places` were found. Returns the motions.
+/// Scales each member back to its own size, about its centre. If given poses are kept, moves each member back to its
+/// given pose instead, or to the mirror image of this pose if the member is mirrored. `similarities` map the surfaces
+/// to the frames in which the members' points `places` were found. Returns the motions.
 pub(super) fn to_final(
     similarities: &[Similarity],
     places: &mut [Vec<Vec3>],

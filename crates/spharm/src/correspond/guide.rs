@@ -29,10 +29,10 @@ pub struct GuideLandmarks {
 /// Distances between guiding landmarks and their corresponding points, averaged over the members, in the group's unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuideReport {
-    /// Distance of each of the p landmarks in the finished group.
+    /// Distance of each of the p landmarks from its corresponding point, in the finished group.
     pub guided: Vec<f64>,
-    /// Distance of each of the p landmarks when it is left out of the last registration. It estimates the error away
-    /// from landmarks.
+    /// Distance of each of the p landmarks when it is left out of the last registration. This distance estimates the
+    /// error of the correspondence away from landmarks.
     pub left_out: Vec<f64>,
     /// The distances of the left-out landmarks for each member, before averaging.
     #[serde(skip)]
@@ -64,7 +64,8 @@ impl GuideLandmarks {
         }
     }
 
-    /// Refuses landmarks of a member that can't guide. `surface` is in the member's own frame.
+    /// Returns an error if a landmark of a member is too far from the member's surface to guide the registration.
+    /// `surface` is in the member's own frame.
     pub(super) fn check_near(&self, member: usize, surface: &Mesh) -> Result<(), Error> {
         let far = self.members.get(member).and_then(|points| FarGuide::of(points, surface));
         far.map_or(Ok(()), |far| Err(Error::FarGuide(far)))
@@ -82,9 +83,9 @@ impl GuideLandmarks {
         self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
     }
 
-    /// Computes a member's pose from its landmarks `own` and the template's landmarks `theirs`, and improves the pose
-    /// by comparing the surfaces of the member, `moving`, and of the template, `fixed`. Compares the pose with `found`,
-    /// the pose computed from the surfaces alone.
+    /// Computes a member's pose from its landmarks `own` and the template's landmarks `theirs`. Improves the pose by
+    /// comparing the member's surface `moving` with the template's surface `fixed`. Then compares the pose with
+    /// `found`, the pose computed from the surfaces alone.
     pub(super) fn judge(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
@@ -95,7 +96,8 @@ impl GuideLandmarks {
         if own.len() < TURN || flat(own) || flat(theirs) {
             return Verdict::Undetermined;
         }
-        // Landmarks in a plane don't tell a body from its mirror image; the surfaces' pose then decides.
+        // Landmarks in a plane don't distinguish a body from its mirror image. For such landmarks, the pose computed
+        // from the surfaces decides about a reflection.
         let by_landmarks = if in_a_plane(own) || in_a_plane(theirs) {
             let before = if found.mirrors() { Similarity::reflection() } else { Similarity::default() };
             let own: Vec<Vec3> = own.iter().map(|point| before.apply(*point)).collect();
@@ -117,17 +119,17 @@ impl GuideLandmarks {
     }
 }
 
-/// What landmarks say about a pose that was computed from the surfaces alone.
+/// Result of comparing a pose that was computed from the surfaces alone with the pose computed from landmarks.
 pub(super) enum Verdict {
     /// Too few landmarks, or landmarks on a line, don't determine the rotation.
     Undetermined,
-    /// The landmarks give the same rotation.
+    /// The landmarks give the same rotation as the surfaces.
     Confirmed,
-    /// The landmarks give another rotation.
+    /// The landmarks give a different rotation than the surfaces.
     Other(Box<PoseByLandmarks>),
 }
 
-/// A pose that landmarks give.
+/// A pose computed from landmarks.
 pub(super) struct PoseByLandmarks {
     pub(super) similarity: Similarity,
     /// The pose at one size, as in [`GroupPoses`](spharm_surface::pose::GroupPoses).

@@ -34,15 +34,15 @@ pub struct NewMember {
     pub reached: Vec<bool>,
     /// Report on the registration of the surface.
     pub report: MemberReport,
-    /// Reasons to check the surface; the index of the member is 0.
+    /// Warnings, each of which is a reason to check the surface. In these warnings, the index of the member is 0.
     pub warnings: Vec<CorrespondWarning>,
 }
 
-/// Number of members whose distances from the mean are compared with a new member's.
+/// Number of members whose distances from the mean are compared with the distance of a new member.
 const USUAL: usize = 8;
 
-/// Subdivisions of the icosphere at which models are compared with surfaces. Triangles between the group's directions
-/// would cut corners, and the models would be smaller than their surfaces.
+/// Subdivisions of the icosphere at which models are compared with surfaces. With coarser triangles, such as those
+/// between the group's directions, the models would be smaller than their surfaces.
 const FINE: u32 = 5;
 
 /// Data of a group, prepared once for all new members.
@@ -60,8 +60,8 @@ pub struct Joining {
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
     /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
-    /// mean and the modes of `members`. New members are compared with some of them for warnings. Of `params`,
-    /// the settings of poses and registration are used.
+    /// mean and the modes of `members`. To find warnings, new members are compared with some of `members`. The settings
+    /// of poses and registration are taken from `params`.
     ///
     /// # Errors
     ///
@@ -177,9 +177,10 @@ impl Joining {
         Ok(NewMember { model, similarity, places, reached, report, warnings })
     }
 
-    /// Returns a warning if the model of a surface is much farther from the mean, at the distance `of_model`, than the
-    /// models of the group's members, or if another pose or the mirror image of the surface is nearer than the surface
-    /// in its pose `posed`. If size explains the difference from the mean, distances are those at one size.
+    /// Returns a warning if a new surface or its pose is doubtful. A surface is doubtful if its model's distance from
+    /// the mean, `of_model`, is much larger than the distances of the members' models. Its pose is doubtful if another
+    /// pose or the mirror image of the surface is nearer to the mean than the surface in its pose `posed`. If size
+    /// explains the difference from the mean, distances at one size are compared.
     fn doubts(
         &self,
         surface: &Mesh,
@@ -198,9 +199,11 @@ impl Joining {
         };
         let best = if self.params.pose.search == PoseSearch::Near { searched(surface)? } else { distance };
         if !self.params.pose.mirror {
-            // Of a mirror image, all poses are searched, so they are compared with all poses of the surface.
+            // All poses of the mirror image are searched, so the best of them is compared with the best of all poses of
+            // the surface.
             let mirrored = searched(&Similarity::reflection().apply_mesh(surface))?;
-            // A surface that is far from all others is nearer to some of them as its mirror image by chance.
+            // A surface that is far from the group's members may be nearer to the mean by chance when it is mirrored.
+            // Its mirror image must therefore be much nearer to cause a warning.
             let nearer = if far.is_some() { 1.0 / CLOSE } else { NEARER_MIRRORED };
             if mirrored < nearer * best {
                 return warnings(GroupPoseWarning::Mirrored { member: 0, distance: best, mirrored });
@@ -216,8 +219,8 @@ impl Joining {
     }
 }
 
-/// Distances of a model in the group's frame from the mean: at its own size, and at the mean's size. In a group of
-/// different sizes, only the second tells a body of another shape.
+/// Distances of a model in the group's frame from the mean: at its own size, and at the mean's size. If the sizes in a
+/// group differ, only the distance at the mean's size reveals a body of another shape.
 #[derive(Clone, Copy)]
 struct FromMean {
     own: f64,
@@ -234,7 +237,7 @@ impl FromMean {
         Ok(Self { own: distance(false)?, at_one_size: distance(true)? })
     }
 
-    /// Returns the medians over at most [`USUAL`] members, evenly spaced in the list.
+    /// Returns the medians of the two distances over at most [`USUAL`] members, evenly spaced in the list.
     fn usual(members: &[Coefficients], mean: &PoseSurface, monitor: &dyn Monitor) -> Result<Option<Self>, Error> {
         let some = members.iter().step_by(members.len().div_ceil(USUAL).max(1));
         let found = some.map(|member| Self::of(member, mean, monitor)).collect::<Result<Vec<_>, Error>>()?;
@@ -246,7 +249,8 @@ impl FromMean {
         Ok(median(|own| own.own).zip(median(|own| own.at_one_size)).map(|(own, at_one_size)| Self { own, at_one_size }))
     }
 
-    /// Returns a distance that is much larger than usual, and the usual one.
+    /// Returns the first of the model's two distances that is much larger than usual, and the corresponding usual
+    /// distance. Returns `None` if neither distance is.
     fn far(&self, usual: &Self) -> Option<(f64, f64)> {
         let pairs = [(self.own, usual.own), (self.at_one_size, usual.at_one_size)];
         pairs.into_iter().find(|(distance, usual)| *usual > 0.0 && *distance > OF_ANOTHER_KIND * usual)

@@ -1,4 +1,4 @@
-//! Finds landmarks of members that aren't at the places of the same landmarks on the other members.
+//! Finds landmarks of members that aren't at the same places as the corresponding landmarks of the other members.
 
 mod few;
 mod left_out;
@@ -13,20 +13,22 @@ use super::Group;
 use super::together::{mean, mesh_of, motion};
 use crate::Error;
 
-/// Minimum distance of a misplaced landmark from its usual place, relative to the median distance over the members, of
-/// the same landmark and of a typical landmark.
+/// Minimum distance of a misplaced landmark from its usual place, as a multiple of a median distance over the members.
+/// The median is that of the same landmark or that of a typical landmark, whichever is larger.
 const UNUSUAL: f64 = 5.0;
-/// Minimum distance of a misplaced landmark from its usual place, as a fraction of the mean surface's extent.
+/// A misplaced landmark is farther from its usual place than this fraction of the mean surface's extent.
 const FAR: f64 = 0.02;
-/// Largest distance of a landmark from its member's surface at which it is compared, as a fraction of the mean
-/// surface's extent.
+/// Landmarks aren't compared if they are farther from their member's surface than this fraction of the mean surface's
+/// extent.
 const OFF: f64 = 0.05;
-/// Largest ratio of the distances of two landmarks after and before their names are exchanged, if they are swapped.
+/// Landmarks are swapped if exchanging names multiplies their distances from their usual places by at most this value.
 const MENDED: f64 = 0.3;
-/// Minimum number of members: median distances over fewer members are often much too small.
+/// In groups of fewer members, landmarks aren't compared with their usual places, because median distances over so few
+/// members are often much too small.
 const LEAST: usize = 4;
-/// Minimum numbers of landmarks, and of landmarks at unusual places, at which a wrong pose is considered: an exchange
-/// of two landmarks, or of few landmarks, may be a rotation.
+/// A wrong pose is considered only if the member's number of landmarks is at least the first number, and its number of
+/// landmarks at unusual places is at least the second number. With fewer landmarks, an exchange of names may look like
+/// a rotation.
 const OF_POSE: [usize; 2] = [4, 3];
 /// Maximum number of landmarks that a message lists.
 const LISTED: usize = 5;
@@ -42,7 +44,7 @@ pub enum LandmarkCause {
     /// A wrong pose of the member, or landmarks in another coordinate system: another pose brings its landmarks to
     /// their usual places.
     Pose,
-    /// Wrong names or positions of landmarks that guide: left out of the guiding, they are far from their places.
+    /// Wrong names or positions of guiding landmarks: if they don't guide, they are far from their usual places.
     Guiding,
 }
 
@@ -53,14 +55,14 @@ pub struct MisplacedLandmarks {
     pub member: usize,
     /// Pairs of landmarks that seem to be swapped: each is near the usual place of the other.
     pub swapped: Vec<[usize; 2]>,
-    /// Further landmarks that are far from their usual places.
+    /// Landmarks, other than the swapped ones, that are far from their usual places.
     pub far: Vec<usize>,
     /// Largest distance of these landmarks from their usual places, in the group's unit. In a group of fewer than four
     /// members: largest distance between the members' positions of the same landmark.
     pub distance: f64,
     /// Median over the members of the distance of the same landmark from its usual place. For swaps in a group of fewer
     /// than four members: the largest distance after the exchange. For a wrong pose: the largest distance in the pose
-    /// that the landmarks give. For guiding landmarks: median over all members and landmarks.
+    /// computed from the landmarks. For guiding landmarks: median over all members and landmarks.
     pub usual: f64,
     /// Probable cause.
     pub cause: LandmarkCause,
@@ -107,7 +109,8 @@ impl MisplacedLandmarks {
         }
     }
 
-    /// Adds a warning with swaps for the same member. Landmarks that the swaps explain are no longer listed as far.
+    /// Merges `more`, a warning about swapped landmarks of the same member. Swapped landmarks are removed from the list
+    /// `far`.
     fn add_swaps(&mut self, more: Self) {
         let named = |k: &usize| more.far.contains(k) || more.swapped.iter().flatten().any(|swapped| swapped == k);
         let rest = self.far.iter().copied().filter(|k| !named(k));
@@ -122,7 +125,7 @@ impl MisplacedLandmarks {
 /// Comparable positions of a member's landmarks; `None` if unknown.
 type Positions = Vec<Option<Vec3>>;
 
-/// Comparable positions of all members' landmarks, and the usual places of the landmarks.
+/// Positions of all members' landmarks in a common frame or on the mean surface, and their medians, the usual places.
 struct Compared {
     positions: Vec<Positions>,
     places: Vec<Option<Vec3>>,
@@ -133,7 +136,8 @@ impl Group {
     /// `landmarks` has the p landmarks of each member, in the member's own frame. Returns a warning for each member
     /// with landmarks that are much farther from their usual places than on most members. Landmarks far from their
     /// surfaces aren't compared. In a group of fewer than four members, returns at most one warning about swaps, which
-    /// may be on any member. If nothing is found, warns of guiding landmarks that the other landmarks contradict.
+    /// may be of any member. If there are no other warnings, returns warnings about guiding landmarks that the other
+    /// guiding landmarks contradict.
     ///
     /// # Errors
     ///
@@ -168,8 +172,8 @@ impl Group {
         Ok(found)
     }
 
-    /// Compares the landmarks of each member in a group of at least four members: their `positions` on the mean
-    /// surface, and in space.
+    /// Compares the members' landmarks in a group of at least four members, both by the landmarks' `positions` on the
+    /// mean surface and by their positions `in_space`, in the group's frame.
     fn at_unusual_places(
         &self,
         positions: Vec<Positions>,
@@ -180,8 +184,8 @@ impl Group {
         let known = in_space.into_iter().map(|own| own.into_iter().map(Some).collect::<Positions>());
         let in_space = Compared::new(known.collect(), count);
         let mut found = Compared::new(positions, count).misplaced(far);
-        // Landmarks that guide take the corresponding points along, so swapped landmarks of the template are only
-        // visible in space.
+        // Corresponding points follow the guiding landmarks, so only positions in space show swapped landmarks of the
+        // template.
         for more in in_space.misplaced(far) {
             if more.swapped.is_empty() {
                 continue;
@@ -193,7 +197,7 @@ impl Group {
             }
         }
         found.sort_by_key(|of| of.member);
-        // Poses of a guided group are the landmarks' poses.
+        // In a guided group, poses already agree with the landmarks, so a wrong pose isn't considered.
         if self.report.guide.is_none() {
             for of in &mut found {
                 if let Some(pose) = in_space.of_pose(of) {
@@ -238,7 +242,7 @@ impl Compared {
         Self { places: (0..count).map(place).collect(), positions }
     }
 
-    /// Returns the distance of a member's landmark `from` the usual place of the landmark `to`.
+    /// Returns the distance between a member's landmark number `from` and the usual place of landmark number `to`.
     fn distance(&self, member: usize, from: usize, to: usize) -> Option<f64> {
         Some(length(sub(self.positions[member][from]?, self.places[to]?)))
     }
@@ -247,7 +251,8 @@ impl Compared {
     fn misplaced(&self, far: f64) -> Vec<MisplacedLandmarks> {
         let of_landmark = |k: usize| median((0..self.positions.len()).filter_map(|member| self.distance(member, k, k)));
         let usual: Vec<f64> = (0..self.places.len()).map(|k| of_landmark(k).unwrap_or(f64::INFINITY)).collect();
-        // The median of a single landmark may be small by chance if there are few members.
+        // If there are few members, the median distance of a single landmark may be small by chance. Therefore the
+        // median over all landmarks serves as a lower bound of the usual distance.
         let typical = median(usual.iter().copied().filter(|u| u.is_finite())).unwrap_or(0.0);
         let least = |k: usize| far.max(UNUSUAL * usual[k].max(typical));
         let of_member = |member: usize| -> Option<MisplacedLandmarks> {
@@ -302,7 +307,7 @@ fn length(v: Vec3) -> f64 {
     dot(v, v).sqrt()
 }
 
-/// Returns the median, the upper one of an even number of values; `None` without values.
+/// Returns the median, or the upper of the two middle values of an even number of values; `None` without values.
 fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect();
     values.sort_unstable_by(f64::total_cmp);
@@ -383,7 +388,7 @@ mod tests {
         assert!(turned.distance > 35.0 && turned.usual < 1.0, "{turned:?}");
         let text = turned.of_member(|landmark| format!("L{landmark}"));
         assert!(text.starts_with("the pose is probably wrong") && text.contains("--guide"), "{text}");
-        // The half turn is also that from LPS to RAS.
+        // The conversion from LPS to RAS is also a half turn about the third axis.
         assert!(text.contains("in another coordinate system (LPS, RAS)"), "{text}");
     }
 

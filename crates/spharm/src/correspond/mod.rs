@@ -1,12 +1,14 @@
 //! Establishes correspondence within a group: all subjects are fitted over one template's sphere with one basis.
 //!
 //! If each surface is mapped to the sphere separately, the same direction belongs to different parts of the surfaces,
-//! and most of a group's variance is caused by the maps. Here only one template is mapped. It is then moved in space
-//! onto every subject's surface, whatever the surface's topology. All subjects are fitted over the template's sphere.
-//! The group's own statistics correct the correspondence in places that the registration leaves undetermined.
+//! and most of a group's variance is caused by the maps. The function [`correspond()`] maps only one template to the
+//! sphere. The template is then moved in space onto every subject's surface, whatever the surface's topology. All
+//! subjects are fitted over the template's sphere. The group's own statistics correct the correspondence in places that
+//! the registration leaves undetermined.
 //!
 //! 1. Poses are found from the surfaces alone ([`spharm_surface::pose`]).
-//! 2. The most typical subject, or a given surface, is the template. It is repaired, mapped and fitted ([`template`]).
+//! 2. The most typical subject, or a given surface, is the template. The template is repaired, mapped and fitted
+//!    ([`template`]).
 //! 3. The template is registered to every subject ([`spharm_register`]); the mean of the group is the next round's
 //!    template.
 //! 4. All subjects are fitted over the template's sphere in one call.
@@ -67,11 +69,11 @@ pub struct Group {
     pub models: Vec<Model>,
     /// Similarity from each member's own frame to the group's frame.
     pub similarities: Vec<Similarity>,
-    /// Corresponding points of each member, one for each of the sphere's n directions. They are on the member's
+    /// Corresponding points of each member, one for each of the sphere's n directions. The points are on the member's
     /// surface and in the group's frame.
     pub places: Vec<Vec<Vec3>>,
-    /// For each member and each of the n directions, whether the member has a counterpart there. If not, the point is a
-    /// guess.
+    /// For each member and each of the n directions, whether the template's point in this direction has a counterpart
+    /// on the member. Without a counterpart, the corresponding point is a guess.
     pub reached: Vec<Vec<bool>>,
     /// The group's data that are needed to add new members.
     pub template: GroupTemplate,
@@ -115,7 +117,7 @@ impl GroupTemplate {
 }
 
 /// Establishes correspondence between surfaces. `read` returns the surface with an index in `0..count`, in the
-/// surface's own frame. It is called several times for each surface, from several threads.
+/// surface's own frame. `read` is called several times for each surface, from several threads.
 ///
 /// # Errors
 ///

@@ -25,14 +25,15 @@ pub struct CorrespondParams {
     /// Landmarks that guide the registration; none by default.
     #[setters(into)]
     pub guide: Option<GuideLandmarks>,
-    /// For each surface, whether it is mirrored (x to -x) first, like right hemispheres in a group of left hemispheres.
-    /// Empty if no surface is mirrored. The similarities to the group's frame include the reflection.
+    /// For each surface, whether it is mirrored (x to -x) before its pose is computed, like right hemispheres in a
+    /// group of left hemispheres. Empty if no surface is mirrored. The similarities to the group's frame include the
+    /// reflection.
     pub mirrored: Vec<bool>,
     /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
     #[setters(into)]
     pub signals: Option<Signals>,
-    /// Number of subdivisions of the icosphere whose directions are registered. By default 4 (2,562 directions) for
-    /// degrees up to 15, 5 (10,242) up to 40, and 6 (40,962) above.
+    /// Number of subdivisions of the icosphere at whose directions the template is sampled for its registration. By
+    /// default 4 (2,562 directions) for degrees up to 15, 5 (10,242) up to 40, and 6 (40,962) above.
     #[setters(into)]
     pub subdivisions: Option<u32>,
     /// Number of rounds of registration; 2 by default. In each round after the first, the group's mean is the template.
@@ -42,8 +43,8 @@ pub struct CorrespondParams {
     pub refinement: Option<GroupwiseParams>,
     /// Settings for computing poses.
     pub pose: PoseParams,
-    /// Whether the members keep their given poses in the group; `false` by default. Poses then only serve to find the
-    /// corresponding points.
+    /// Whether the members keep their given poses in the group; `false` by default. If set, the computed poses serve
+    /// only to find the corresponding points.
     pub keep_poses: bool,
     /// Settings for registering the template.
     pub register: RegisterParams,
@@ -79,7 +80,7 @@ impl CorrespondParams {
         }
     }
 
-    /// Returns the number of subdivisions of the icosphere whose directions are registered.
+    /// Returns the number of subdivisions of the icosphere at whose directions the template is sampled.
     #[must_use]
     pub fn subdivisions(&self) -> u32 {
         self.subdivisions.unwrap_or(match self.max_degree {
@@ -94,11 +95,11 @@ impl CorrespondParams {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }
 
-    /// Checks that given poses aren't to be changed by scaling or mirror images.
+    /// Checks that the settings don't request scaling or mirror images if given poses are kept.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] if they are.
+    /// [`Error::Setting`] if they do.
     pub fn check_poses(&self) -> Result<(), Error> {
         if self.keep_poses && (self.pose.scale || self.pose.mirror) {
             return Err(Error::Setting {

@@ -9,10 +9,10 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// Largest share of a member's area that may lack a counterpart on the template without a warning.
+/// A warning is given if a larger share of a member's area than this lacks a counterpart on the template.
 pub(super) const UNREACHED: f64 = 0.02;
 
-/// Largest relative difference in area and in volume at which two surfaces are treated as the same.
+/// Two surfaces are treated as the same if they differ by at most this fraction in area and in volume.
 const SAME: f64 = 1e-6;
 
 /// Returns whether two areas or volumes are treated as the same.
@@ -82,8 +82,8 @@ impl MemberReport {
         }
     }
 
-    /// Changes the unit of lengths: multiplies them by a factor. Area and volume stay in the surface's own unit, and
-    /// the distance of the pose stays as it is.
+    /// Converts the lengths of the registration and of the model to another unit, by multiplying them by `factor`. The
+    /// distance of the pose isn't converted, nor are the area and the volume, which are in the surface's own unit.
     pub(super) fn in_unit_of(&mut self, factor: f64) {
         for length in [&mut self.cover_rms, &mut self.cover_most, &mut self.cover_farthest, &mut self.model_rms] {
             *length *= factor;
@@ -91,7 +91,7 @@ impl MemberReport {
     }
 
     /// Returns whether the areas and volumes of two members' surfaces are equal within a relative difference of 1e-6.
-    /// Such members are the same surface, possibly moved or mirrored.
+    /// Members with equal areas and volumes are the same surface, possibly moved or mirrored.
     #[must_use]
     pub fn same_surface(&self, other: &Self) -> bool {
         self.area > 0.0 && close(self.area, other.area) && close(self.volume, other.volume)

@@ -22,13 +22,13 @@ use super::together::{mean as mean_of, mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// Largest share of the template's directions that may lack a counterpart on a member without a warning.
+/// A warning is given if more than this share of the template's directions have no counterpart on a member.
 const LACKING: f64 = 0.05;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
     /// Maps from the surfaces to the frames in which corresponding points are found. If size explains the differences
-    /// in the group, they scale.
+    /// in the group, the maps include scaling.
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
     /// Area and absolute volume of each surface, in the surface's own unit.
@@ -109,7 +109,8 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         motions.iter_mut().zip(&aligned).for_each(|(motion, aligned)| *motion = motion.then(aligned));
         mean
     };
-    // Of the compositions, some are known without rounding errors.
+    // With `keep_poses`, the composed motion is known exactly, and without scaling, its scale is known to be 1. Use
+    // these values, which have no rounding errors.
     let moved = |(index, (own, motion)): (usize, (&Similarity, &Similarity))| match params {
         CorrespondParams { keep_poses: true, .. } => params.reflection(index).unwrap_or_default(),
         CorrespondParams { pose: PoseParams { scale: false, .. }, .. } => Similarity { scale: 1.0, ..own.then(motion) },
@@ -153,7 +154,8 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             turn_by_landmarks(&landmarks, params, &surfaces, &mut found);
         }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
-        // Points of members at one size don't compare with those of members at their own sizes.
+        // Points of members at one size can't be compared with points of members at their own sizes, so one size is
+        // used only if it applies to all members.
         let explained = found.at_one_size.iter().flatten().count();
         let all = explained + 1 == surfaces.len();
         let frames = found.similarities.iter().zip(&found.at_one_size);
@@ -206,7 +208,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
-/// Returns the landmarks. Those of surfaces that are to be mirrored are reflected.
+/// Returns the landmarks, with the landmarks of mirrored surfaces reflected.
 fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLandmarks {
     let mut landmarks = landmarks.clone();
     for (index, points) in landmarks.members.iter_mut().enumerate() {
@@ -305,7 +307,7 @@ pub(super) fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<Corresp
 }
 
 /// Returns warnings for members whose area and volume equal those of an earlier member within a relative difference of
-/// 1e-6. Such members are the same surface, possibly moved or mirrored.
+/// 1e-6. Members with equal areas and volumes are the same surface, possibly moved or mirrored.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());
     let earlier = |member: usize| {

@@ -27,8 +27,8 @@ type Read = dyn Fn(usize) -> Result<Vec<Vec<f64>>, Error> + Send + Sync;
 /// Signals that determine the correspondence together with positions.
 #[derive(Clone)]
 pub struct Signals {
-    /// Weight of each signal: its standard deviation after scaling, relative to the square root of the area. Normals
-    /// have weight 0.12.
+    /// Weight of each signal: its standard deviation after scaling, divided by the square root of the members' mean
+    /// area. Normals have weight 0.12.
     pub weights: Vec<f64>,
     /// The function that reads the signals of a surface.
     pub read: Arc<Read>,
@@ -64,7 +64,8 @@ impl Signals {
             monitor.check()?;
             let values = (self.read)(index)?;
             self.check_values(&values, mesh.vertices.len())?;
-            // Barycentric coordinates refer to the moved triangles, since a reflection reorders their corners.
+            // Values are interpolated on the moved triangles. A reflection reorders the corners of triangles, and the
+            // barycentric coordinates refer to the new order.
             let moved = similarities[index].apply_mesh(&mesh);
             let tree = TriangleTree::new(&moved);
             let of = |place: &Vec3| -> Vec<f64> {
@@ -141,7 +142,7 @@ impl Signals {
     }
 }
 
-/// Appends the coefficients of signals to those of positions. Returns an array (K, 3 + signals).
+/// Appends the coefficients of signals to the coefficients of positions. Returns an array (K, 3 + signals).
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

@@ -14,9 +14,9 @@ pub(super) struct Subjects<'a> {
 }
 
 impl Subjects<'_> {
-    /// Applies a function to each surface, several at a time. If several surfaces fail, the error of the first one in
-    /// order is returned, regardless of the number of threads: surfaces after a failed one may be skipped, but
-    /// surfaces before it are always processed.
+    /// Applies a function to each surface, several at a time. If several surfaces fail, the error of the first failed
+    /// surface in order is returned, regardless of the number of threads. Surfaces after a failed surface may be
+    /// skipped, but surfaces before it are always processed.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,

@@ -10,8 +10,8 @@ use spharm_surface::topology::area;
 use crate::Error;
 use crate::parametrize::parametrize_with;
 
-/// Minimum degree for which the map is made, even for models of lower degrees, so that enough directions lie on thin
-/// parts.
+/// The map to the sphere is made for models of at least this degree, even if the group's models have lower degrees, so
+/// that enough directions lie on thin parts.
 const DEGREE: usize = 40;
 /// Points at this distance or more from the original surface are treated as lying on a cut or a filled hole. The
 /// distance is relative to the square root of the surface's area.

@@ -9,7 +9,7 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Number of rounds of Procrustes analysis; each reduces the misalignment by a factor of about ten.
 const ROUNDS: usize = 5;
-/// Variance added to the variance of each point, relative to the median variance. It limits the weight of points that
+/// This multiple of the median variance is added to the variance of each point, which limits the weight of points that
 /// hardly vary.
 const ADDED_VARIANCE: f64 = 1.0;
 
@@ -178,7 +178,7 @@ mod tests {
         assert!(apart(&motions[0], &motions[1]) < 0.001, "{}", apart(&motions[0], &motions[1]));
         let least_squares = rigid(&body(0.3), &body(0.0), &weights(&members, &ball.faces, &masked));
         assert!(apart(&Similarity::default(), &least_squares) > 0.05);
-        // Aligning a single member with the mean gives the same motion.
+        // Aligning a single member with the mean gives the same motion as aligning the group did.
         let mut one = body(0.3);
         let areas = weights(std::slice::from_ref(&mean), &ball.faces, &masked);
         let motion = to_mean(&mean, &mut one, &areas);

@@ -34,7 +34,7 @@ pub(crate) struct Run<'a, T, E> {
     /// Indices of the targets of each batch, in the order of `batches`.
     pub(crate) targets: Vec<Vec<usize>>,
     pub(crate) seconds: Seconds,
-    /// Number of targets read at the same time. It is set by the method's memory plan, and 1 before a plan exists.
+    /// Number of targets read at the same time. The method's memory plan sets it; it is 1 before a plan exists.
     pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
@@ -44,7 +44,7 @@ pub(crate) struct Run<'a, T, E> {
     ready: VecDeque<Ready>,
 }
 
-/// A target that was read: its index, its values as they are fitted, and the changes made to them.
+/// A target that was read and prepared for the fit: its index, the prepared target, and the changes made to it.
 type Ready = (usize, Target, Change);
 
 /// A target's index and the result of reading it.
@@ -59,7 +59,7 @@ pub(crate) struct Batch {
     pub(crate) groups: Vec<Range<usize>>,
 }
 
-/// The solution of a batch by a method.
+/// The result of fitting a batch by one of the methods.
 pub(crate) struct Solved {
     /// Canonical coefficients (K, columns) of the batch.
     pub(crate) coefficients: Array2<f64>,
@@ -113,7 +113,7 @@ impl Batch {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
     }
 
-    /// Iterates over the targets. Yields the parts of each target's columns for which noise is estimated together.
+    /// Returns each target's ranges of columns for noise estimates: one for a surface, one per channel for a signal.
     pub(crate) fn parts(&self) -> impl Iterator<Item = Vec<Range<usize>>> {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
@@ -208,9 +208,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(self.ready.front().map(|(_, target, _)| self.job.fits_surface(target.kind)))
     }
 
-    /// Fits batches of at most `columns` columns, or of a single target with more, and passes the fits on. Stops when
-    /// all targets are finished, or when the next target has another objective: a surface after fits of vertices, or
-    /// vice versa.
+    /// Fits batches of at most `columns` columns, and passes the fits on. A target with more columns is fitted alone.
+    /// Stops when all targets are finished, or when the next target has another objective: a surface after fits of
+    /// vertices, or vice versa.
     pub(crate) fn each_batch(
         &mut self,
         columns: usize,

@@ -31,7 +31,7 @@ pub(super) fn merge_channels(some: Option<LsqReport>, other: LsqReport) -> LsqRe
     report
 }
 
-/// Chooses the smoothness of each part of a problem's columns.
+/// Chooses a smoothness for each of the ranges `parts` of a problem's columns.
 pub(super) fn choose(
     problem: &MomentProblem,
     parts: &[Range<usize>],
@@ -77,7 +77,7 @@ pub(super) fn solve(
     Ok(MomentFit { coefficients, residual_squares, lost, report, standard_errors: errors })
 }
 
-/// Returns an error whose columns are counted from column `first` of the whole problem.
+/// Converts an error of a part of the problem to an error of the whole problem. The part begins at column `first`.
 fn of_column(error: SolverError, first: usize) -> SolverError {
     match error {
         SolverError::LostResidual { column } => SolverError::LostResidual { column: first + column },

@@ -12,8 +12,8 @@ use crate::{Error, FitParams, Method};
 
 /// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
 ///
-/// The memory plan of a method over a store depends on the store, so that this function doesn't check such a method;
-/// [`FitParams::check_over`] does.
+/// The memory plan of a method over a store depends on the store, so this function doesn't check these methods.
+/// [`FitParams::check_over`] checks them.
 ///
 /// # Errors
 ///
@@ -28,14 +28,14 @@ impl FitParams {
     ///
     /// # Errors
     ///
-    /// The errors of [`check_memory`] and, for a method over a store, the errors of the store and the memory with which
-    /// a fit of `surfaces` surfaces would end before the first pass.
+    /// The errors of [`check_memory`]. For a method over a store, also the errors of the store or of the memory budget
+    /// with which a fit of `surfaces` surfaces would fail before its first pass.
     pub fn check_over(&self, sphere: &Sphere, surfaces: usize) -> Result<(), Error> {
         if self.method.blocks().is_none() {
             return check_sizes(sphere.directions.len(), sphere.faces.len(), self);
         }
         self.check()?;
-        // Verifying the basis would read all of it.
+        // Don't verify the basis, because the verification would read all of it.
         let params = Self { verify: false, ..self.clone() };
         irf::check(Job::new(sphere, None, &params, &Silent)?, surfaces.max(1))
     }

@@ -19,13 +19,13 @@ pub(crate) struct Denoiser {
     power: NoisePower,
     /// Precisions of the n vertices, if they differ.
     precision: Option<Vec<f64>>,
-    /// Power of the noise in degree 1, relative to an even sampling.
+    /// Power of the noise in degree 1, divided by its power on an even sampling.
     relative_noise: f64,
 }
 
 impl Denoiser {
-    /// Measures the response by fits of noise, `at_a_time` columns at a time. `fit` makes a plain fit, and returns its
-    /// coefficients (K, c) and its residual (n, c) at the vertices.
+    /// Measures the response of plain fits to noise, by fitting noise, `at_a_time` columns at a time. `fit` makes a
+    /// plain fit, and returns its coefficients (K, c) and its residual (n, c) at the vertices.
     pub(crate) fn new(
         job: &Job<'_>,
         at_a_time: usize,
@@ -38,7 +38,7 @@ impl Denoiser {
         check_rows(rows, basis_size(max_degree))?;
         monitor.note(
             Level::Info,
-            format_args!("fitting {NOISE_COLUMNS} columns of noise to estimate the power of the noise"),
+            format_args!("fitting {NOISE_COLUMNS} columns of random noise, to measure how a fit responds to noise"),
         );
         let mut power = NoisePower::new(max_degree);
         for start in (0..NOISE_COLUMNS).step_by(at_a_time.max(1)) {

@@ -1,8 +1,10 @@
 //! Estimates the detail beyond the degree of a denoised fit, at held-out vertices.
 //!
-//! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If it is larger than
-//! the noise, denoising removes detail. Such detail shows at held-out vertices. There a second fit to 1.5 times the
-//! degree, with the penalties extrapolated by a power law, has a smaller error than the fit:
+//! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If this part is
+//! larger than the noise, denoising removes detail. Held-out vertices distinguish detail from noise, because a fit
+//! predicts detail at vertices that it hasn't used, but not noise. Therefore a second fit to 1.5 times the degree is
+//! made, with the penalties extrapolated by a power law. If denoising removes detail, the second fit has a smaller
+//! error at the held-out vertices than the first fit:
 //!
 //! ```text
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
@@ -10,8 +12,9 @@
 //!
 //! with e_L and e_L' the rms errors of the two fits at a held-out tenth of the vertices. The estimate is only the part
 //! of the detail that the vertices reveal, and the true detail may be larger. If the highest degree is almost entirely
-//! noise, higher degrees reveal nothing, and no fits are made. Nor are they if the noise is as small as the rounding
-//! errors of the fit. The mean of the target is subtracted, since errors of the fits are relative to their targets.
+//! noise, higher degrees reveal no detail, and no fits are made. No fits are made either if the noise is as small as
+//! the rounding errors of the fit. The mean of the target is subtracted, since errors of the fits are relative to their
+//! targets.
 //!
 //! Cost: two fits by conjugate gradients to a tolerance of 1e-4, or lower if the noise is small.
 
@@ -27,14 +30,16 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// If the gain of the highest degree is below this value, noise is assumed to dominate all higher degrees as well.
+/// If denoising multiplies the highest degree by less than this gain, noise is assumed to dominate all higher degrees
+/// as well.
 const COVERED: f64 = 0.05;
 /// Fraction of the vertices that are held out.
 const HELD_OUT: f64 = 0.1;
-/// Noise below this fraction of the largest value is the solver's rounding. The fit of an exact model leaves residuals
-/// of up to 1e-10 of the values.
+/// Noise below this fraction of the largest value is attributed to rounding errors of the solver. The fit of an exact
+/// model leaves residuals of up to 1e-10 of the values.
 const ROUNDING: f64 = 1e-9;
-/// Largest tolerance of the two fits, and the fits' largest error relative to the noise.
+/// Largest tolerance of the two fits (see the [module](self)), and the largest error of these fits as a fraction of the
+/// noise. If the first value would give a larger error, a lower tolerance is used.
 const TOLERANCE: (f64, f64) = (1e-4, 0.1);
 
 /// Returns the rms of the detail beyond the fit's degree that the vertices reveal, per channel, in the target's unit.
@@ -68,7 +73,7 @@ pub(crate) fn left_out(
         return Ok(None);
     }
     monitor.note(Level::Status, format_args!("fitting without the held-out vertices, degree {higher}"));
-    // With area weights, the penalties were chosen for weights with a different sum.
+    // With area weights, the penalties were chosen for weights with a different sum, so scale the penalties.
     let all = precision.map_or(n as f64, |precision| precision.iter().sum());
     let scale = all / job.weights.as_ref().map_or(n as f64, |weights| weights.iter().sum());
     let error = |max_degree: usize, penalty: &[f64]| -> Result<f64, Error> {

@@ -151,7 +151,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         .map_err(|error| refused(error, "stderr", moments))?;
     let squares = found.residual_squares.iter().zip(&found.lost).filter(|(_, lost)| !**lost).map(|(sum, _)| sum);
     let amplified = FitWarning::of_amplified(&found.report, squares.sum::<f64>() / sums.weight);
-    // Denoising adds the times of its own fits to the report.
+    // Look for a factor now, because denoising adds the times of its own fits to the report.
     let has_factor = found.report.seconds.factor > 0.0;
     let (mut denoised, relative_noise) = match params.denoise {
         true => denoise(&problem, &solver, params, &mut found, moments, monitor)?,
@@ -243,8 +243,8 @@ fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise,
-/// and its power in degree 1 relative to an even sampling.
+/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise, and
+/// the noise's power in degree 1 relative to its power for an even sampling.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,

@@ -23,7 +23,7 @@ use crate::{Error, FitWarning, defaults};
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
-    // In most studies all targets have as many channels as the first target.
+    // The plan is made for the first target's number of channels. In most studies all targets have this number.
     let channels = run.channels();
     let (operator, method) = basis(&mut run.job)?;
     let planner = Planner { operator: &operator, method };
@@ -81,7 +81,7 @@ pub(crate) fn check(mut job: Job<'_>, count: usize) -> Result<(), Error> {
     planner.check_limits(&planner.choose(&job, gram_bytes, count, CHANNELS)?.plan)
 }
 
-/// Returns the basis of a job, which is taken out of the job, and the blocks of its method.
+/// Takes the basis out of a job. Returns the basis, and the blocks of the job's method.
 fn basis(job: &mut Job<'_>) -> Result<(DiskOperator, Blocks), Error> {
     match (job.scheme.take(), job.params.method.blocks()) {
         (Some(scheme), Some(method)) => Ok((DiskOperator::new(scheme), method)),
@@ -89,16 +89,18 @@ fn basis(job: &mut Job<'_>) -> Result<(DiskOperator, Blocks), Error> {
     }
 }
 
-/// Chooses the settings of iterative residual fitting that stay within the memory budget and read the least.
+/// Chooses the settings of iterative residual fitting that stay within the memory budget and read the least of the
+/// basis.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,
 }
 
-/// A number of surfaces that are fitted together, and what it needs.
+/// A possible number of surfaces to fit together, with the memory plan of such a fit and the amount of the basis that
+/// it reads.
 struct Choice {
     together: usize,
-    /// Columns of the basis that are read in one pass over all batches.
+    /// Number of columns of the basis that one pass reads, summed over all batches.
     reads: usize,
     plan: IrfPlan,
 }
@@ -141,7 +143,8 @@ impl<'o> Planner<'o> {
         let columns = together * channels;
         let params = self.params(job, together, channels, reuse, moments.map(GramMatrix::bytes));
         let fitter = match moments {
-            // A target with more channels than the others may leave no memory for the Gram matrices from moments.
+            // A target with more channels than the other targets may leave no memory for the Gram matrices from
+            // moments.
             Some(moments) if irf::plan(self.operator, columns, &params).is_ok() => {
                 IrfSolver::with_gram(self.operator, columns, params, moments)
             }
@@ -187,9 +190,9 @@ impl<'o> Planner<'o> {
         Ok(moment_gram(&job.sphere.directions, job.weights.as_deref(), job.params.max_degree)?)
     }
 
-    /// Returns the number of surfaces fitted together for which the least of the basis is read within the budget: a
-    /// batch reads a block once if the block is in memory as a whole, otherwise twice. Of several such numbers, returns
-    /// the largest.
+    /// Returns the number of surfaces to fit together that minimises the number of bytes read from the basis, within
+    /// the memory budget. A batch reads a block once if the whole block is in memory, otherwise twice. If several
+    /// numbers are equally good, returns the largest.
     fn best(
         &self,
         job: &Job<'_>,
@@ -235,7 +238,7 @@ impl<'o> Planner<'o> {
         let max_degree = job.params.max_degree;
         let making = moment_gram_bytes(self.operator.rows(), max_degree).ok().filter(|_| job.scalar == Scalar::F64)?;
         let params = self.params(job, 1, channels, false, Some(MomentGram::bytes(max_degree)));
-        // The error of a plan without memory states the memory that suffices.
+        // A plan with a budget of 0 fails, and its error states the sufficient budget.
         match irf::plan(self.operator, channels, &IrfParams { memory: 0, ..params }) {
             Err(SolverError::Budget { needed, .. }) => Some(needed.max(job.held(1, channels) + making)),
             _ => None,

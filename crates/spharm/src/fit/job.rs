@@ -16,10 +16,10 @@ pub(crate) struct Job<'a> {
     /// The sphere with its transforms, if they were planned and this fit can use them.
     pub(crate) planned: Option<&'a PlannedSphere>,
     pub(crate) params: &'a FitParams,
-    /// Weights of the n vertices, divided by 2^`weight_exponent`. They are 0 at held-out vertices.
+    /// Weights of the n vertices, divided by 2^`weight_exponent`. Weights are 0 at held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
-    /// A warning of fits of vertices if the weights are too uneven for the degree.
+    /// A warning for fits of vertices, if the weights are too uneven for the degree.
     pub(crate) uneven_weights: Option<FitWarning>,
     /// Marks the vertices of weight 0, whose values are never read; `None` if all vertices are read. Held-out vertices
     /// aren't marked.
@@ -121,8 +121,8 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together and others are
-    /// read. At most `together` targets are read at a time, and at most one per thread.
+    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together and further
+    /// targets are read. At most `together` targets are read at a time, and at most one per thread.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }

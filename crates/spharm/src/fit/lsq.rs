@@ -24,7 +24,8 @@ use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, in_b
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits targets at their vertices, until the next target must be fitted as a surface.
+/// Fits the next targets at their vertices. Returns when no target is left, or at the first target that is fitted over
+/// its whole triangles (`Objective::Surface`), which `surface::run` fits.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -41,8 +42,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // The search for a smoothness needs additional columns. If the size of the moments can't be computed, the moments
-    // can't be computed either.
+    // The search for a smoothness fits additional columns. If the size of the moments can't be determined, the moments
+    // can't be computed, so treat the size as infinite.
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
@@ -128,7 +129,7 @@ struct Equations<'a> {
     make_gram: &'a MakeGram<'a>,
     make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
-    /// Completed when the use of the stored factor has been noted.
+    /// Ensures that the note about the use of the stored factor is shown only once.
     noted: Once,
     solver: LsqParams,
     /// Warnings that apply to every fit.
@@ -138,7 +139,7 @@ struct Equations<'a> {
     monitor: &'a dyn Monitor,
 }
 
-/// Standard errors (K, c), if requested, and the noise removed from each part of each target.
+/// Standard errors (K, c), if requested, and the noise removed from each target: one entry per surface or per channel.
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
@@ -230,7 +231,7 @@ impl<'a> Equations<'a> {
     ) -> Result<Solved, Error> {
         let mut warnings = self.warnings.clone();
         let mut of_lsq = FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default);
-        // The plain fit amplifies noise; denoising removes it.
+        // Denoising removes the noise that the plain fit amplifies, so the warning about it is omitted.
         of_lsq.retain(|warning| denoised.is_empty() || !matches!(warning, FitWarning::Amplified { .. }));
         warnings.extend(of_lsq);
         converged(self.params, &warnings)?;
@@ -378,7 +379,7 @@ fn stored_factor(
             weights: WeightsHash::of(job.weights.as_deref()),
             smoothness,
         };
-        // For most schemes, the store has a folder for only one scalar type of the basis, or for none.
+        // Skip this scalar type if the store has no folder or no factors for the scheme's basis of this type.
         if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
             continue;
         }

@@ -20,7 +20,7 @@ pub(crate) struct LsqPlan {
     fixed: usize,
     /// Memory of one target's columns in all arrays.
     each: usize,
-    /// Memory for reading one target while others are fitted.
+    /// Memory for reading one target while other targets are fitted.
     reading: usize,
 }
 
@@ -106,7 +106,7 @@ pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) ->
     Ok((1 + (budget - needed) / reading(vertices, faces, channels).max(1)).min(threads))
 }
 
-/// Returns the settings of quadrature's transforms, for the channels of two surfaces at a time.
+/// Returns the settings of the transforms for quadrature, which process the channels of two surfaces at a time.
 pub(crate) fn quadrature_transform(max_degree: usize) -> TransformParams {
     TransformParams { max_degree, accuracy: FINEST, channels: 6 }
 }

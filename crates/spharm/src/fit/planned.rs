@@ -69,8 +69,8 @@ impl PlannedSphere {
         *self.key.get_or_init(|| SchemeKey::of(&self.sphere.directions, Scalar::F64))
     }
 
-    /// Returns the transforms. If `moments` is set, returns those that share their sorted directions with the
-    /// transforms that compute moments.
+    /// Returns the transforms. If `moments` is set, they share their sorted directions with the transforms that compute
+    /// moments.
     pub(super) fn operator(&self, moments: bool) -> Result<Arc<MatrixFreeOperator>, Error> {
         if !moments {
             return Ok(Arc::clone(&self.plain));

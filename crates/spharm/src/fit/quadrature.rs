@@ -2,10 +2,11 @@
 //! exact.
 //!
 //! On a grid of L + 1 Gauss-Legendre rings with 2 L + 2 azimuths each, the coefficients of a function of degree L are
-//! weighted sums over the grid of its values times S_{l,m}. No equations are solved. The method fits the surface,
-//! which is linear on the sphere's triangles, rather than the vertices alone. It doesn't minimise the distances at the
-//! vertices, and the surface's part above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P.
-//! J. Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
+//! weighted sums, over the grid, of the function's values times the harmonics S_{l,m}. No equations are solved. The
+//! method fits the surface, which is linear on the sphere's triangles, rather than the vertices alone. Quadrature
+//! doesn't minimise the distances at the vertices, and the surface's part above degree L is aliased into the
+//! coefficients. D. M. Healy, D. N. Rockmore, P. J. Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and
+//! variations", J. Fourier Anal. Appl. 9 (2003).
 
 use std::ops::Range;
 use std::time::Instant;

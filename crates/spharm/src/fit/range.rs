@@ -1,10 +1,12 @@
 //! Scales targets and weights whose products would overflow or underflow.
 //!
 //! The coefficients of a fit are proportional to its target, and don't change if weights and penalty are multiplied by
-//! the same factor. Therefore values above 4e9 or below 1e-9 are divided by a power of two and fitted, and the
-//! results are multiplied by that power. The scaling is exact: coefficients have the digits that they would have for a
-//! target of ordinary size. Squared figures that would exceed the range of f64 are clamped to its ends. A surface has
-//! one exponent. So has a signal, unless its channels differ much in size; then each channel has its own.
+//! the same factor. Therefore a target whose largest magnitude is above 4e9 or below 1e-9 is divided by a power of two
+//! and fitted, and the results are multiplied by that power. The scaling is exact: coefficients have the digits that
+//! they would have for a target of ordinary size. If a number in a report, such as a mean squared residual, would
+//! overflow, it is replaced by the largest finite f64. If it would underflow to zero, it is replaced by the smallest
+//! nonzero f64. All channels of a surface have the same exponent. The channels of a signal also have the same exponent
+//! unless they differ much in size. In that case, each channel has its own exponent.
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
@@ -22,11 +24,12 @@ use crate::{Error, Fit, FitWarning};
 /// f64.
 const MOST: i32 = 900;
 
-/// Channels whose exponents differ by at most this number are divided by the same power of two.
+/// If the binary exponents of all channels' largest values differ by at most this number, all channels are divided by
+/// the same power of two.
 const SPREAD: i32 = 40;
 
-/// Largest magnitude of the exponent of sums of weights that aren't scaled. Sums over many samples of ordinary weights
-/// are below.
+/// Sums of weights are scaled only if the magnitude of their binary exponent is above this value. Sums of ordinary
+/// weights over many samples stay below it.
 const SUM: i32 = 50;
 
 /// Exponents of the powers of two by which a target's channels were divided. Empty if the target wasn't scaled.
@@ -47,8 +50,8 @@ pub(crate) fn into_range(target: &mut Target) -> Exponents {
     exponents
 }
 
-/// Returns the exponents by which to scale channels whose largest values have the exponents `sizes`, `None` for
-/// channels of zeros. With `together`, or if the sizes are similar, all channels have the same exponent.
+/// Returns the exponents by which to scale channels. `sizes` has the exponent of each channel's largest value, or
+/// `None` for a channel of zeros. With `together`, or if the sizes are similar, all channels have the same exponent.
 fn exponents_of(sizes: &[Option<i32>], together: bool) -> Exponents {
     let all = sizes.iter().flatten().copied().max().unwrap_or(0);
     if together || sizes.iter().flatten().all(|size| all - size <= SPREAD) {
@@ -139,8 +142,9 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
     }
 }
 
-/// Returns the distances at the vertices of a signal whose channels were divided by different powers of two, since the
-/// solver's sums over channels are meaningless for such a signal. Returns `None` for all other targets.
+/// Returns the distances between a signal and its model at the vertices, if the signal's channels were divided by
+/// different powers of two. The solver's sums over channels are meaningless for such a signal. Returns `None` for all
+/// other targets.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
     unread: Option<&[bool]>,

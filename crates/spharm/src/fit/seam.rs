@@ -10,14 +10,15 @@
 //! ```
 //!
 //! with s a vertex's share of the seam's length on the sphere, and the density equal to the surface's weight per
-//! steradian. This corresponds to a strip along the seam, as wide as the resolution of a model of degree L, with weight
-//! (L / 6)^2. At low degrees, a seam takes up a larger part of a model's degrees of freedom, so it gets a smaller
-//! weight. At L = 60 there are enough functions that are large only at the seam: for a double torus, the gap between
-//! the sides is 4.4e-3 of the bounding box's size without the added vertices and 6.0e-4 with them. The root mean square
-//! error at all vertices is 1.24e-3 without and 1.26e-3 with them.
+//! steradian. The sum corresponds to a strip along the seam with weight (L / 6)^2. The strip is as wide as the
+//! resolution of a model of degree L. At low degrees, a seam takes up a larger part of a model's degrees of freedom, so
+//! it gets a smaller weight. At L = 60, a model has enough functions that are large only at the seam. For a model of
+//! degree 60 of a double torus, the gap between the sides is 4.4e-3 of the bounding box's size without the added
+//! vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3 without and 1.26e-3 with them.
 //!
-//! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at
-//! each vertex, which no model can follow. If such points are added, the gap is 2.9e-3.
+//! Points between the vertices aren't added. Triangles are chords of the surface, and a loop of their edges has a
+//! corner at each vertex. No model can follow these corners. If points between the vertices are added, the gap is
+//! 2.9e-3.
 
 use std::collections::BTreeMap;
 use std::collections::HashSet;
@@ -27,13 +28,15 @@ use ndarray::{Array2, ArrayView2, Axis};
 use spharm_surface::geometry::{dot, sub};
 use spharm_surface::{Seam, Sphere};
 
-/// Degree L at which the strip of width pi / L along a seam has weight 1.
+/// In a fit of degree L, the strip of width pi / L along a seam has weight 1 if L is this degree, and otherwise weight
+/// (L / 6)^2.
 const ONCE: f64 = 6.0;
 
 /// The vertices of a sphere's seams.
 pub(crate) struct SeamVertices {
     vertices: Vec<usize>,
-    /// Weight of each vertex if the surface has weight 1 per steradian.
+    /// Weight of each vertex for a surface of weight 1 per steradian. The weight is proportional to the total length of
+    /// the vertex's edges along the seams.
     lengths: Vec<f64>,
 }
 

@@ -42,7 +42,7 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     }
 }
 
-/// Largest number of coefficients per vertex or sample for which cross-validation has enough data.
+/// Cross-validation has enough data only up to this number of coefficients per vertex or sample.
 const MOST_FOR_AUTO: usize = 100;
 
 /// Returns an error if there are far more coefficients than vertices or samples. Choosing a smoothness would take some
@@ -64,13 +64,14 @@ pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
-/// Returns the part of a note that says how many targets are fitted at a time, or nothing if all are fitted together.
+/// Returns the part of a note that states how many targets are fitted at a time. The text is empty if all targets are
+/// fitted together.
 pub(crate) fn in_batches(count: usize, together: usize) -> String {
     if together >= count { String::new() } else { format!(", {together} at a time") }
 }
 
-/// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, returns an error if it
-/// wasn't.
+/// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, returns an error if the
+/// tolerance wasn't met.
 pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {
     let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
     match missed.filter(|_| params.strict) {

@@ -1,9 +1,9 @@
 //! Fits whole surfaces by the full least squares, which minimises the integral over the sphere of the squared distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires.
-//! The fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is
-//! nearly a multiple of the identity, so a handful of iterations suffice, on a grid of the size that the degree
-//! requires. With a seam, more iterations are needed, some 60 at L = 60.
+//! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires. The
+//! fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is nearly a
+//! multiple of the identity, so a handful of iterations suffice. The iterations use a grid of the size that the degree
+//! requires. A surface with a seam needs more iterations, about 60 at L = 60.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -27,7 +27,7 @@ use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
-/// Fits surfaces, until the next target must be fitted at its vertices.
+/// Fits the next targets as surfaces. Stops before the first target that must be fitted at its vertices.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -85,7 +85,8 @@ fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     }
 }
 
-/// Returns the directions of the vertices, followed by those of the triangle centres at which models are assessed.
+/// Returns the directions of the vertices, followed by the directions of the triangle centres at which models are
+/// assessed.
 fn places(job: &Job<'_>) -> Result<Directions, Error> {
     let mut places = job.sphere.directions.as_slice().to_vec();
     if let Some(off_vertex) = &job.off_vertex {
@@ -98,7 +99,8 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 pub(super) struct Fitter<'a> {
     pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
-    /// Evaluates models at the vertices, for msd and xsd, followed by the centres of some triangles.
+    /// Evaluates models at the vertices, for msd and xsd, and at the centres of some triangles. The values at the
+    /// vertices come first.
     evaluation: Transform,
     /// Number of columns of coefficients that are evaluated together.
     evaluated: usize,
@@ -181,7 +183,8 @@ impl<'a> Fitter<'a> {
             let results = (&mut coefficients, &mut standard_errors);
             denoised = self.denoise(denoiser, batch, &problem, results, &mut reports, &within)?;
         } else if let Some(errors) = &mut standard_errors {
-            // Standard errors are estimated by fits of noise, which are made once for all targets.
+            // The residuals of all targets are collected first, because the fits of noise that estimate standard errors
+            // are made once for all targets.
             let mut residual = Array2::zeros((self.vertices(), batch.columns()));
             for (group, target) in &targets {
                 let (of_target, _) = self.residual(*target, coefficients.slice(s![.., group.clone()]))?;
@@ -267,8 +270,8 @@ impl<'a> Fitter<'a> {
         Ok((coefficients, residual))
     }
 
-    /// Replaces the plain fits of a batch by penalised fits, and the standard errors by those of the penalised fits,
-    /// if requested. Returns the removed noise.
+    /// Replaces the plain fits of a batch by penalised fits. If standard errors were requested, replaces them by those
+    /// of the penalised fits. Returns the removed noise.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),

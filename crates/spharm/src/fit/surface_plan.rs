@@ -65,8 +65,9 @@ impl SurfacePlan {
     pub(crate) fn needed(&self, together: usize) -> usize {
         let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
-        // The sampling consists of the subdivision of each triangle, and of positions, directions, weights and values
-        // of the samples of a run, or of all samples if they are sorted by vertex.
+        // The sampling holds the subdivision of each triangle, and the positions, directions, weights and values of
+        // samples. Samples are computed in runs, so memory is needed for one run at a time. If samples are sorted by
+        // vertex, the sums hold data of all samples.
         let (sampling, sums) = match self.sorted {
             None => (40 * faces + RUN * (64 + 8 * columns), Accumulator::bytes(max_degree, columns)),
             Some(samples) => (

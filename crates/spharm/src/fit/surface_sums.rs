@@ -3,7 +3,8 @@
 //! If memory allows, samples are sorted by the vertices from which they are interpolated, once for all surfaces over a
 //! sphere ([`NodalSums`]). Otherwise triangles are sampled run by run, again for each batch of surfaces, and the
 //! samples are discarded after they have been added. The choice depends on the sphere, the degree and the budget, not
-//! on the surfaces or their number: a surface has the same model whether it is fitted alone or together with others.
+//! on the surfaces or their number: a surface has the same model whether it is fitted alone or together with other
+//! surfaces.
 
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -42,7 +43,7 @@ struct Nodal {
     sums: NodalSums,
     /// Total weight of the seams' vertices.
     of_seam: f64,
-    /// Bytes of patches that are kept between batches.
+    /// Bytes of the patches of the grid that are kept between batches.
     kept: usize,
 }
 
@@ -136,10 +137,10 @@ impl<'a> SurfaceSums<'a> {
     }
 
     /// Returns the samples of some triangles. A sample's weight is its solid angle times the harmonic mean of the
-    /// corners' weights, in which each corner counts by its share in the sample. A sample is a mean of its corners'
-    /// values, and no more certain than the least certain corner. Therefore, if one corner's weight is near 0, the
-    /// sample's weight is small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no
-    /// influence.
+    /// corners' weights, in which each corner is weighted by its share in the sample. A sample is a mean of its
+    /// corners' values, and it is no more certain than the least certain corner. Therefore, if one corner's weight is
+    /// near 0, the sample's weight is small. If one corner's weight is 0, the sample's weight is 0, and the corner's
+    /// value has no influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
@@ -158,8 +159,9 @@ impl<'a> SurfaceSums<'a> {
         seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
     }
 
-    /// Scales the weights of the samples of some triangles so that each triangle has total weight 1. This suits noise
-    /// at the vertices: many small triangles contain more information about a region than one large triangle does.
+    /// Scales the weights of the samples of some triangles so that each triangle has total weight 1. Equal weights suit
+    /// noise at the vertices: many small triangles contain more information about a region than one large triangle
+    /// does.
     fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
         let mut rest = weights;
         for triangle in triangles {
@@ -172,8 +174,9 @@ impl<'a> SurfaceSums<'a> {
         }
     }
 
-    /// Returns the sums of targets, each given with its columns in the batch. Weights are scaled to the sum of the
-    /// vertices' weights, so that a penalty has the same meaning for a surface as for its vertices.
+    /// Returns the sums over the samples, for targets that are each given by their range of columns in the batch and by
+    /// their values at the vertices. Weights are scaled to the sum of the vertices' weights, so that a penalty has the
+    /// same meaning for a surface as for its vertices.
     pub(crate) fn of(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

@@ -8,15 +8,16 @@ use spharm_solver::lsq::{LsqReport, LsqWarning, MomentProblem, determined};
 
 use crate::{Error, FitWarning};
 
-/// Condition number of the basis at the samples above which some functions of the degree are treated as undetermined.
+/// Some functions up to the fit's degree are treated as undetermined if the condition number of the basis at the
+/// samples exceeds this value.
 const UNDETERMINED: f64 = 1e6;
 
 /// Returns a warning if the samples don't determine a fit without a penalty. `report` is the report on this fit,
-/// `has_factor` says whether it computed a factor, and `largest_gap` is the diameter of the largest cap without
+/// `has_factor` states whether the fit computed a factor, and `largest_gap` is the diameter of the largest cap without
 /// samples, in degrees.
 ///
-/// Samples at few places, or with wide gaps, can leave functions undetermined that iterations don't notice. The
-/// condition number of a factor reveals these functions without a further fit.
+/// Samples at few places, or with wide gaps, may not determine some functions, and iterations don't reveal these
+/// functions. The condition number of a factor reveals them without a further fit.
 pub(super) fn warning(
     moments: &Moments,
     problem: &MomentProblem,
@@ -38,8 +39,9 @@ pub(super) fn warning(
     Ok((poor || (unsure && !recovers(problem, solver, monitor)?)).then_some(gap))
 }
 
-/// Returns whether the weight may be at fewer places than there are functions. At degrees above the fit's degree, the
-/// mean square of the moments of p places of equal weight is about 1 / p of the square of the first moment.
+/// Returns whether the samples' weight may be concentrated at fewer places than there are basis functions. The number
+/// of places follows from the moments above the fit's degree: for p places of equal weight, the mean square of these
+/// moments is about 1 / p of the square of the first moment.
 fn is_concentrated(moments: &[f64], max_degree: usize) -> bool {
     let high = moments.get(basis_size(max_degree)..basis_size(2 * max_degree)).unwrap_or_default();
     // Quotients don't overflow: no moment is larger than a small multiple of the first one.

@@ -1,23 +1,25 @@
-//! Computes what depends on the noise of a surface's vertices: the smoothness by cross-validation, and standard errors.
+//! Computes the results that depend on the noise of a surface's vertices: the smoothness by cross-validation, and
+//! standard errors.
 //!
-//! The data of a surface are its vertices; samples between them are interpolated and contain no further information.
-//! Therefore noise is modelled at the vertices, independent and of equal variance. With S the interpolation to the
-//! samples, A the basis and W the weights of the samples, N the normal matrix and A_v the basis at the vertices, the
-//! fit of values y is `x = N^-1 A^T W S y`, and its model at the vertices is `H y = A_v x`.
+//! The data of a surface are its vertices; samples between the vertices are interpolated and contain no further
+//! information. Therefore noise is modelled as independent noise of equal variance at the vertices. S is the
+//! interpolation from the vertices to the samples, A the basis at the samples, W the weights of the samples, N the
+//! normal matrix, and A_v the basis at the vertices. The fit of values y is `x = N^-1 A^T W S y`, and its model at the
+//! vertices is `H y = A_v x`.
 //!
 //! ```text
 //! GCV(lambda) = n |y - H y|^2 / (n - tr H)^2,   sd(x_k)^2 = sigma^2 (N^-1 A^T W S S^T W A N^-1)_kk
 //! sigma^2 = |y - H y|^2 / (n - tr H)
 //! ```
 //!
-//! `tr H` and the diagonal are estimated by fits of independent signs z at the vertices: `E z^T H z = tr H`, and the
-//! mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). With 256 fits,
-//! standard errors are within 4.4 % (one standard deviation).
+//! `tr H` and the diagonal entries (kk) are estimated by fits of independent signs z at the vertices. The expectation
+//! is `E z^T H z = tr H`, and the mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat.
+//! Simul. 19, 1990). With 256 fits, standard errors are within 4.4 % (one standard deviation).
 //!
-//! This is the standard deviation over repeated measurements, and doesn't include the bias of a smoothness penalty.
-//! Penalties by degree, of a denoised fit, are the inverse variances of a prior relative to sigma^2. Their bias has the
-//! covariance `sigma^2 N^-1 P N^-1`, and is included: independent signs times `P^(1/2)` are added to the right-hand
-//! sides.
+//! A standard error is the standard deviation over repeated measurements. Standard errors don't include the bias of a
+//! smoothness penalty. The penalties by degree P of a denoised fit are the inverse variances of a prior, relative to
+//! sigma^2. The bias that they cause has the covariance `sigma^2 N^-1 P N^-1`. The standard errors of a denoised fit
+//! include this bias: independent signs times `P^(1/2)` are added to the right-hand sides.
 
 use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, s};
 use spharm_harmonics::basis_size;
@@ -34,7 +36,7 @@ use crate::Error;
 /// Number of fits of noise that estimate the trace at one smoothness. The noise is the same for each smoothness, so
 /// that GCV is a smooth function of the smoothness.
 const PROBES_FOR_GCV: usize = 3;
-/// Number of fits of noise for standard errors.
+/// Number of fits of noise from which standard errors are estimated.
 const PROBES_FOR_ERRORS: usize = 256;
 /// Largest number of columns of noise that are fitted at a time.
 const PROBES_AT_A_TIME: usize = 16;
@@ -46,7 +48,8 @@ impl Fitter<'_> {
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
         let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
-        // The accuracy of a solve is relative to the target, and GCV doesn't depend on the target's position.
+        // Centre the target: GCV doesn't depend on its position, but the errors of a solve grow with the target's
+        // values.
         let target = self.centred(target);
         let target = target.view();
         let probes = self.signs(PROBES_FOR_GCV, &mut SplitMix64::new(0));

@@ -1,14 +1,17 @@
-//! Detects zeros among a signal's values that may stand for missing values, such as those of the medial wall.
+//! Detects zeros among a signal's values that may mark missing values, such as the values of the medial wall.
 
 use spharm_surface::{Kind, Target};
 
 use crate::FitWarning;
 
-/// Share of zeros from which on they are noticed. Single zeros may be measurements.
+/// Smallest share of zeros that causes a warning. Smaller shares cause no warning, because single zeros may be
+/// measurements.
 const FEWEST: f64 = 0.01;
-/// Largest share of zeros that are noticed. If most values are zero, as in a map with a threshold, zeros are values.
+/// Largest share of zeros that causes a warning. If most values are zero, as in a map with a threshold, the zeros are
+/// valid values.
 const MOST: f64 = 0.5;
-/// Smallest distance of the other values from 0, relative to their median.
+/// A warning is given only if the absolute value of every nonzero value is at least this fraction of the median of
+/// these absolute values.
 const APART: f64 = 0.05;
 
 /// Returns a warning if a channel of a signal has zeros, and all its other values have one sign and are far from 0.
@@ -30,7 +33,7 @@ fn of_channel(channel: usize, values: &[f64]) -> Option<FitWarning> {
     let (vertices, zeros) = (values.len(), values.len() - sizes.len());
     let share = zeros as f64 / vertices.max(1) as f64;
     let one_sign = values.iter().all(|value| *value >= 0.0) || values.iter().all(|value| *value <= 0.0);
-    // Whole numbers are those of a mask, of labels or of counts.
+    // If all values are whole numbers, the signal is probably a mask, a label map or counts, in which zeros are valid.
     let whole = sizes.iter().all(|size| size.fract() == 0.0);
     if !(FEWEST..=MOST).contains(&share) || !one_sign || whole {
         return None;

@@ -1,11 +1,12 @@
 //! Builds the basis of a scheme: writes every missing file `A_<l>` up to a degree.
 //!
-//! Each thread takes one chunk (a run of rows) at a time and evaluates the recurrence degree by degree. It holds the
-//! recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n. Degrees
-//! are built in groups. All files of a group are open at the same time. While one group is computed, the files of the
-//! previous group are synced to disk and given their final names. A build that is killed thus loses at most the last
-//! three groups; a build that fails still publishes the groups that are computed. The price is that each group repeats
-//! the recurrence for all degrees below the group, at a quarter of the cost of computing the files of those degrees.
+//! Each thread takes one chunk (a run of rows) at a time and evaluates the recurrence degree by degree. The thread
+//! holds the recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n.
+//! Degrees are built in groups. All files of a group are open at the same time. While one group is computed, the files
+//! of the previous group are synced to disk and given their final names. A build that is killed thus loses at most the
+//! last three groups; a build that fails still publishes the groups that have been computed. As a disadvantage, each
+//! group repeats the recurrence for all degrees below the group. This repetition costs a quarter as much as computing
+//! the files of these degrees.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -75,14 +76,14 @@ pub fn build(
     let key = SchemeKey::of(directions, params.scalar);
     let folder = folder::of_scheme(store, key);
     let plan = Plan::new(&folder, key, directions.len(), params)?;
-    // Remove the leftovers of killed builds first: their disk space may be needed by this build.
+    // Remove the leftovers of killed builds first, because this build may need their disk space.
     if folder.is_dir() {
         temporary::remove_abandoned(&folder)?;
     }
     // Check memory and disk space before the folder is created, so that a refused build creates nothing.
     plan.threads(params)?;
     plan.check_space(store, params)?;
-    // If all files exist, nothing is written: the call thus succeeds for a store on a read-only disk.
+    // If all files exist, nothing is written, so the call succeeds for a store on a read-only disk.
     let (_lock, plan) = if plan.missing.is_empty() {
         (None, plan)
     } else {
@@ -139,7 +140,7 @@ struct Published {
 }
 
 impl Published {
-    /// Publishes files and syncs the folder. After an error, `files` has the files that are left.
+    /// Publishes files and syncs the folder. After an error, `files` contains the files that haven't been processed.
     fn publish(&mut self, folder: &Path, files: &mut IntoIter<DegreeWriter>) -> Result<(), StoreError> {
         for writer in files {
             match writer.publish()? {
@@ -151,8 +152,8 @@ impl Published {
     }
 
     /// Publishes all groups from a queue. After an error, sets `failed` and waits for the end of the queue. By then the
-    /// computation has removed its unfinished files, which may have filled the disk. Then publishes the other files and
-    /// returns the error.
+    /// computation has removed its unfinished files, which may have filled the disk. Then publishes the remaining files
+    /// and returns the error.
     fn publish_all(
         mut self,
         folder: &Path,
@@ -181,7 +182,7 @@ fn compute_and_publish(
     folder: &Path,
     headers: &[Header],
 ) -> Result<Published, StoreError> {
-    // Set when publishing fails; the computation then stops after its group.
+    // This flag is set when publishing fails. The computation then stops after its current group.
     let failed = &AtomicBool::new(false);
     std::thread::scope(|scope| {
         // The queue holds one group, so at most three groups of files are open: one being computed, one waiting in the
@@ -220,7 +221,7 @@ impl Computation<'_> {
         let writers: Vec<_> =
             group.iter().map(|header| DegreeWriter::create(folder, header.clone())).collect::<Result<_, _>>()?;
         let next = AtomicUsize::new(0);
-        // Set when a thread fails; the other threads then stop.
+        // This flag is set when a thread fails. The other threads then stop.
         let failed = AtomicBool::new(false);
         let first_error = Mutex::new(None);
         let chunks = group[0].chunk_count();

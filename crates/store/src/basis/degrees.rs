@@ -60,8 +60,8 @@ impl Scheme {
         Ok(Self { key, files })
     }
 
-    /// Opens the basis at `directions` up to `max_degree`, with values of type `scalar`. For `None`, opens the f64
-    /// basis if it exists, and the f32 basis otherwise.
+    /// Opens the basis at `directions` up to `max_degree`, with values of type `scalar`. If `scalar` is `None`, opens
+    /// the f64 basis if it exists, and the f32 basis otherwise.
     ///
     /// # Errors
     ///
@@ -116,7 +116,7 @@ impl Scheme {
         self.files[0].header().scalar
     }
 
-    /// Returns the files, by degree; never empty.
+    /// Returns the files in order of degree. There is at least one file.
     pub fn files(&self) -> &[DegreeFile] {
         &self.files
     }
@@ -126,8 +126,9 @@ impl Scheme {
         self.files.len() - 1
     }
 
-    /// Checks every byte of the open files against their hashes, in a stage `verify` counted in bytes, on the rayon
-    /// pool of the caller. If several files are damaged, the error of the lowest degree is returned.
+    /// Checks every byte of the open files against their hashes, on the caller's rayon pool. Reports one stage,
+    /// `verify`, counted in bytes, to the monitor. If several files are damaged, the error of the lowest degree is
+    /// returned.
     ///
     /// # Errors
     ///

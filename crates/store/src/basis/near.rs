@@ -14,14 +14,15 @@ use crate::scheme::SchemeKey;
 /// Differences of coordinates below this value are ascribed to rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Returns the first of the schemes `keys` whose directions are `directions` up to rounding, and the largest difference
-/// of their coordinates. Schemes that can't be read are skipped.
+/// Returns the first of the schemes `keys` whose directions equal `directions` up to rounding, and the largest
+/// difference of their coordinates. Schemes that can't be read are skipped.
 pub(super) fn near(store: &Path, keys: &[SchemeKey], directions: &Directions) -> Option<(SchemeKey, f64)> {
     keys.iter().find_map(|&key| Some((key, difference(store, key, directions).ok().flatten()?)))
 }
 
-/// Returns the largest difference between the coordinates of a scheme's directions and of `directions`, or `None` if
-/// it is larger than rounding. The harmonics of degree 1 are the coordinates y, z and x times a constant.
+/// Returns the largest difference between the coordinates of a scheme's directions and of `directions`, or `None` if it
+/// is larger than rounding. The scheme's coordinates are read from its harmonics of degree 1, which are y, z and x
+/// times a constant.
 fn difference(store: &Path, key: SchemeKey, directions: &Directions) -> Result<Option<f64>, StoreError> {
     let file = DegreeFile::open(&folder::of_scheme(store, key).join(file_name(1)))?;
     let header = file.header();

@@ -22,7 +22,7 @@ pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
 /// Number of groups that a large build is divided into.
 const GROUPS: u64 = 8;
-/// Size in bytes, before compression, at which a group of a small build is complete.
+/// In a small build, a group of files is complete when the files have this total size in bytes before compression.
 const SMALLEST_GROUP: u64 = 256 << 20;
 /// Maximum number of files in a group.
 const MOST_FILES: usize = 256;
@@ -121,7 +121,7 @@ impl Plan {
         };
         let expected = describe(key, scalar, degree, self.rows);
         let found = describe(header.key, header.scalar, header.degree, header.rows);
-        // Compare the keys, too: the descriptions contain only the keys' first digits.
+        // Compare the keys in addition to the descriptions, which contain only the keys' first digits.
         if header.key != key || found != expected {
             return Err(StoreError::corrupt(file.path(), "contents", expected, found));
         }
@@ -169,7 +169,7 @@ impl Plan {
         BASE + Recurrence::bytes(params.max_degree) + threads * thread
     }
 
-    /// Fails if the missing files exceed the free disk space or 64 GiB, unless `allow_large` is set.
+    /// Returns an error if the missing files exceed the free disk space or 64 GiB, unless `allow_large` is set.
     pub(super) fn check_space(&self, store: &Path, params: &BuildParams) -> Result<(), StoreError> {
         if params.allow_large || self.missing.is_empty() {
             return Ok(());

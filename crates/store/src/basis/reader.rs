@@ -75,8 +75,8 @@ impl DegreeFile {
         self.container.entries()[chunk].stored_len as usize
     }
 
-    /// Checks every byte of the file against its hashes. Progress is reported in bytes, as the stage `verify`. Uses a
-    /// buffer of 1 MiB.
+    /// Checks every byte of the file against its hashes. Reports one stage, `verify`, counted in bytes, to the monitor.
+    /// Uses a buffer of 1 MiB.
     ///
     /// # Errors
     ///
@@ -168,8 +168,8 @@ impl ChunkWindow<'_> {
             Codec::Raw => widen(stored, scalar, out),
             Codec::Zstd => {
                 let Ok(raw) = decode(stored, entry.raw_len as usize, scalar.size()) else {
-                    // The checksum was correct when it was verified: before reporting damage, check whether the file
-                    // has changed since.
+                    // The chunk's checksum has already been verified. Before reporting damage, check whether the file
+                    // has changed since that verification.
                     self.check()?;
                     return Err(container.contents().damaged(self.file.path(), chunk, "its zstd frame"));
                 };
@@ -179,7 +179,7 @@ impl ChunkWindow<'_> {
         Ok(())
     }
 
-    /// Maps all pages of a chunk with one system call. This is only a hint: failure is ignored.
+    /// Maps all pages of a chunk with one system call. The request is only a hint, so a failure is ignored.
     ///
     /// # Panics
     ///
@@ -188,12 +188,14 @@ impl ChunkWindow<'_> {
         self.file.container.populate(&self.mapped, chunk);
     }
 
-    /// Asks the system to start reading the entire window from disk. This is only a hint: failure is ignored.
+    /// Asks the system to start reading the entire window from disk. The request is only a hint, so a failure is
+    /// ignored.
     pub fn will_need(&self) {
         self.file.container.will_need(&self.mapped);
     }
 
-    /// Fails if the file has been truncated or changed since it was opened, or if part of it couldn't be read.
+    /// Returns an error if the file has been truncated or changed since it was opened, or if part of it couldn't be
+    /// read.
     ///
     /// # Errors
     ///

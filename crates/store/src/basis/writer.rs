@@ -99,8 +99,8 @@ mod tests {
         let mut as_long = 0;
         for rows in [8, 16, 24] {
             let len = 8 * rows;
-            // Noise with a growing number of equal bytes compresses better and better. For some number, the frame is
-            // exactly as long as the raw chunk.
+            // The more equal bytes the noise contains, the better it compresses. For some number of equal bytes, the
+            // frame is exactly as long as the raw chunk.
             for same in 0..len {
                 let raw: Vec<u8> = (0..len).map(|i| if i % 8 * rows + i / 8 < same { 7 } else { noise(i) }).collect();
                 let encoded = encoder.encode(&raw, 8).unwrap().len();

@@ -69,7 +69,7 @@ impl Encoder {
 /// Decodes a zstd frame. Fails unless `stored` is exactly one frame that decodes to exactly `raw_len` bytes.
 pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::Result<Vec<u8>> {
     declares(stored, raw_len as u64)?;
-    // zstd also accepts several frames in sequence, and skippable frames; the store format allows only one frame.
+    // zstd also accepts several frames in sequence, and skippable frames, but the store format allows only one frame.
     if zstd::zstd_safe::find_frame_compressed_size(stored) != Ok(stored.len()) {
         return Err(invalid("expected exactly one zstd frame".to_owned()));
     }
@@ -163,7 +163,7 @@ mod tests {
         refused(&stored, 2 << 20);
         refused(&stored[..stored.len() - 1], 1 << 20);
         refused(&[&stored[..], &[0]].concat(), 1 << 20);
-        // zstd would also decode a second frame, and skip a skippable frame; both must be refused.
+        // zstd would decode a second frame and skip a skippable frame. `decode` and `check_frame` must refuse both.
         refused(&[&stored[..], &stored[..]].concat(), 2 << 20);
         let skipped = [0x50, 0x2a, 0x4d, 0x18, 1, 0, 0, 0, 9];
         refused(&[&skipped[..], &stored[..]].concat(), 1 << 20);

@@ -34,7 +34,8 @@ pub(crate) struct Kind {
     pub(crate) magic: [u8; 8],
     /// Format version: files are written in this version, and other versions can't be read.
     pub(crate) version: u32,
-    /// Offset of the first byte after the kind's own fields. The bytes from here to the header's hash are zeros.
+    /// Offset of the first byte after the fields of this kind of file. The bytes from this offset to the header's hash
+    /// are zeros.
     pub(crate) reserved_at: usize,
     /// BLAKE3 key-derivation context of the root hash.
     pub(crate) root_context: &'static str,
@@ -46,10 +47,10 @@ pub(crate) struct Kind {
 pub(crate) trait Contents: Sized {
     const KIND: Kind;
 
-    /// Writes the kind's own fields into the header, between [`FIELDS_AT`] and the reserved bytes.
+    /// Writes the fields of this kind of file into the header, between [`FIELDS_AT`] and the reserved bytes.
     fn encode_fields(&self, header: &mut HeaderBytes);
 
-    /// Reads the kind's own fields; every number is checked before use.
+    /// Reads the fields of this kind of file. Every number is checked before use.
     fn decode_fields(header: &HeaderBytes, path: &Path) -> Result<Self, StoreError>;
 
     /// Returns the number of parts, at most 2^22. `parts * raw_len` is below 2^60, so sums of offsets don't overflow.
@@ -58,7 +59,7 @@ pub(crate) trait Contents: Sized {
     /// Returns the size of a decoded part in bytes.
     fn raw_len(&self, part: usize) -> usize;
 
-    /// Returns the codec of the file. A part may have this codec or be raw.
+    /// Returns the codec of the file. Each part of the file is stored either with this codec or raw.
     fn codec(&self) -> Codec;
 
     /// Returns the error for a part that failed the check `what`.
@@ -86,7 +87,8 @@ pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C
     }
     let found = u32_at(header, VERSION_AT);
     if found != version {
-        // If the hash matches a header of the expected version, only the version field is damaged.
+        // If the hash matches after the expected version has been put into the header, only the version field is
+        // damaged.
         let mut mended = *header;
         put(&mut mended, VERSION_AT, &version.to_le_bytes());
         if is_intact(&mended) {

@@ -5,7 +5,8 @@
 //! ```
 //!
 //! A part is a chunk of a basis file or a tile of a factor. Each kind of file defines the meaning of its header fields
-//! and the lengths of its parts by implementing [`frame::Contents`]. Everything else is implemented once, here.
+//! and the lengths of its parts by implementing [`frame::Contents`]. This module implements everything else, for both
+//! kinds of files.
 //!
 //! | module | contents |
 //! |---|---|

@@ -79,7 +79,7 @@ impl<C: Contents> Container<C> {
         let stored = &mapped.window.bytes()[self.place(mapped, part)];
         if !self.checked[part].load(Ordering::Relaxed) {
             if crc32c::crc32c(stored) != self.entries[part].crc {
-                // A missing page of the file also makes the checksum wrong: report the missing page in that case.
+                // A missing page of the file also makes the checksum wrong. In that case, report the missing page.
                 self.check(mapped)?;
                 return Err(self.contents.damaged(self.source.path(), part, "its CRC-32C"));
             }
@@ -88,23 +88,24 @@ impl<C: Contents> Container<C> {
         Ok(stored)
     }
 
-    /// Asks the system to start reading all mapped parts from disk. This is only a hint: failure is ignored.
+    /// Asks the system to start reading all mapped parts from disk. The request is only a hint, so a failure is
+    /// ignored.
     pub(crate) fn will_need(&self, mapped: &MappedParts) {
         mapped.window.will_need(0, mapped.window.bytes().len());
     }
 
-    /// Maps all pages of a part with one system call. This is only a hint: failure is ignored.
+    /// Maps all pages of a part with one system call. The request is only a hint, so a failure is ignored.
     pub(crate) fn populate(&self, mapped: &MappedParts, part: usize) {
         let Range { start, end } = self.place(mapped, part);
         mapped.window.populate(start, end - start);
     }
 
-    /// Maps the pages of all mapped parts with one system call. This is only a hint: failure is ignored.
+    /// Maps the pages of all mapped parts with one system call. The request is only a hint, so a failure is ignored.
     pub(crate) fn populate_all(&self, mapped: &MappedParts) {
         mapped.window.populate(0, mapped.window.bytes().len());
     }
 
-    /// Fails if a page was missing when it was accessed, or if the file has changed since it was opened.
+    /// Returns an error if a page was missing when it was accessed, or if the file has changed since it was opened.
     pub(crate) fn check(&self, mapped: &MappedParts) -> Result<(), StoreError> {
         mapped.window.check(&self.source)
     }

@@ -45,7 +45,8 @@ impl ContainerWriter {
         self.temporary.as_file()
     }
 
-    /// Writes the stored bytes of a part. The padding up to the next part isn't written; it reads as zeros.
+    /// Writes the stored bytes of a part. The padding up to the next part isn't written, so the system returns zeros
+    /// when the padding is read.
     pub(crate) fn write_part(
         &self,
         part: usize,

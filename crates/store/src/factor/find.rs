@@ -51,8 +51,8 @@ fn degree_of(name: &str) -> Option<usize> {
     (named && number.to_string() == degree).then_some(number)
 }
 
-/// Opens the factor that matches `spec`, with values of type `scalar`. For `None`, opens the f64 factor if it exists,
-/// and the f32 factor otherwise.
+/// Opens the factor that matches `spec`, with values of type `scalar`. If `scalar` is `None`, opens the f64 factor if
+/// it exists, and the f32 factor otherwise.
 ///
 /// # Errors
 ///
@@ -126,7 +126,7 @@ pub fn start_factor(
 ) -> Result<StartedFactor, StoreError> {
     let folder = folder::of_scheme(store, spec.key);
     let path = folder.join(spec.file_name(scalar));
-    // If the factor exists, nothing is written: the call thus succeeds for a store on a read-only disk.
+    // If the factor exists, nothing is written, so the call succeeds for a store on a read-only disk.
     if let Existing::Sound(file) = Existing::find(&path, spec)? {
         return Ok(StartedFactor::Present(file));
     }

@@ -9,7 +9,8 @@ use crate::format::{MAX_TILE, MAX_TILES};
 /// A lower triangle (K, K) divided into tiles of `tile` rows and columns. Tiles in the last tile row have fewer rows,
 /// and the tile in the last tile column has fewer columns, if `tile` doesn't divide K.
 ///
-/// Tiles are numbered from 0 by tile column; within a tile column, from the diagonal downwards.
+/// Tiles are numbered from 0, one tile column after another. Within a tile column, numbers increase from the diagonal
+/// downwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TileGrid {
     size: usize,

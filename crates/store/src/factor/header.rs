@@ -34,7 +34,8 @@ const RESERVED_AT: usize = RCOND_AT + 8;
 pub struct Condition {
     /// 1-norm of G.
     pub norm: f64,
-    /// Estimate of 1 / (1-norm of G times 1-norm of its inverse), from 0 (singular) to 1.
+    /// Estimated reciprocal condition number of G, from 0 (singular) to 1: 1 / (1-norm of G times 1-norm of its
+    /// inverse).
     pub reciprocal: f64,
 }
 

@@ -90,8 +90,8 @@ impl FactorFile {
         Ok(TileWindow { container: self.container.clone(), mapped, column })
     }
 
-    /// Checks every byte of the file against its hashes. Progress is reported in bytes, as the stage `verify`. Uses a
-    /// buffer of 1 MiB.
+    /// Checks every byte of the file against its hashes. Reports one stage, `verify`, counted in bytes, to the monitor.
+    /// Uses a buffer of 1 MiB.
     ///
     /// # Errors
     ///
@@ -157,18 +157,20 @@ impl TileWindow {
         })
     }
 
-    /// Asks the system to start reading the entire window from disk. This is only a hint: failure is ignored.
+    /// Asks the system to start reading the entire window from disk. The request is only a hint, so a failure is
+    /// ignored.
     pub fn will_need(&self) {
         self.container.will_need(&self.mapped);
     }
 
-    /// Maps all pages of the window with one system call, which costs less than one page fault per page. This is only a
-    /// hint: failure is ignored.
+    /// Maps all pages of the window with one system call, which costs less than one page fault per page. The request is
+    /// only a hint, so a failure is ignored.
     pub fn populate(&self) {
         self.container.populate_all(&self.mapped);
     }
 
-    /// Fails if the file has been truncated or changed since it was opened, or if part of it couldn't be read.
+    /// Returns an error if the file has been truncated or changed since it was opened, or if part of it couldn't be
+    /// read.
     ///
     /// # Errors
     ///

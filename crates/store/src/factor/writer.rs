@@ -94,8 +94,8 @@ impl FactorWriter {
         self.file.write_part(at, self.offsets[at], bytes, bytes.len(), Codec::Raw)
     }
 
-    /// Returns the offset of a tile in the scratch file: twice its offset among the parts of the f32 file, because f64
-    /// values are twice as large.
+    /// Returns the offset of a tile in the scratch file. It is twice the tile's offset among the parts of the f32 file,
+    /// because f64 values are twice as large.
     fn scratch_offset(&self, at: usize) -> u64 {
         2 * (self.offsets[at] - HEADER_LEN as u64)
     }
@@ -126,7 +126,7 @@ impl FactorWriter {
     }
 
     /// Asks the system to start reading the tiles of tile column `column`, from tile row `row` downwards, from disk.
-    /// This is only a hint: failure is ignored.
+    /// The request is only a hint, so a failure is ignored.
     ///
     /// # Panics
     ///
@@ -157,8 +157,8 @@ impl FactorWriter {
         self.header.condition = condition;
         let path = self.file.path().to_path_buf();
         let published = self.file.publish(&self.header)?;
-        // The folder is synced even if another builder published the factor first: that builder may not have synced the
-        // folder yet, but this function guarantees that the factor is on disk.
+        // Sync the folder even if another builder published the factor first. This function guarantees that the factor
+        // is on disk, but the other builder may not have synced the folder yet.
         folder::sync(path.parent().unwrap_or(Path::new(".")))?;
         Ok(published)
     }

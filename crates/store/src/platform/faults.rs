@@ -41,7 +41,7 @@ impl Drop for FaultGuard {
 /// One mapped range, as read by the signal handler. Signal handlers must not lock or allocate, so all fields are
 /// atomics.
 struct Slot {
-    /// 0 if the slot is free, 1 while it is being set up, otherwise the first address of the range.
+    /// 0 if the slot is free, 1 while it is being set up, otherwise the first address of the mapped range.
     start: AtomicUsize,
     end: AtomicUsize,
     faulted: AtomicBool,

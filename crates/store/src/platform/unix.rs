@@ -52,7 +52,7 @@ pub(crate) fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result
     file.write_all_at(bytes, offset)
 }
 
-/// Asks the system to start reading a range of a file. This is only a hint: failure is ignored.
+/// Asks the system to start reading a range of a file. The request is only a hint, so a failure is ignored.
 pub(crate) fn file_will_need(file: &File, offset: u64, len: NonZeroU64) {
     #[cfg(not(target_vendor = "apple"))]
     let _ = rustix::fs::fadvise(file, offset, Some(len), rustix::fs::Advice::WillNeed);
@@ -60,12 +60,13 @@ pub(crate) fn file_will_need(file: &File, offset: u64, len: NonZeroU64) {
     let _ = (file, offset, len);
 }
 
-/// Asks the system to start reading a range of a map. This is only a hint: failure is ignored.
+/// Asks the system to start reading a range of a map. The request is only a hint, so a failure is ignored.
 pub(crate) fn map_will_need(map: &Mmap, offset: usize, len: usize) {
     let _ = map.advise_range(Advice::WillNeed, offset, len);
 }
 
-/// Makes the pages of a range of a map resident with one system call. This is only a hint: failure is ignored.
+/// Makes the pages of a range of a map resident with one system call. The request is only a hint, so a failure is
+/// ignored.
 pub(crate) fn populate_map(map: &Mmap, offset: usize, len: usize) {
     #[cfg(target_os = "linux")]
     let _ = map.advise_range(Advice::PopulateRead, offset, len);

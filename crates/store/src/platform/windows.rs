@@ -14,7 +14,8 @@ use tempfile::NamedTempFile;
 const NO_FOLLOW: u32 = 0x0020_0000;
 /// `FILE_ATTRIBUTE_REPARSE_POINT`: the file is a reparse point, such as a symbolic link.
 const REPARSE_POINT: u32 = 0x400;
-/// `FILE_SHARE_READ` and `FILE_SHARE_DELETE`: others may read, rename and delete the file, but not write to it.
+/// `FILE_SHARE_READ` and `FILE_SHARE_DELETE`: other processes may read, rename and delete the file, but not write to
+/// it.
 const SHARE_READ_AND_DELETE: u32 = 0x1 | 0x4;
 /// `ERROR_ACCESS_DENIED`: returned if a folder is opened as a file, or a file is renamed while another program reads
 /// it.
@@ -56,7 +57,8 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>
     let metadata = file.metadata()?;
     Ok(match metadata.file_type() {
         k if k.is_symlink() => Err("a symbolic link"),
-        // This is a file whose bytes a filter supplies, such as a file on a volume with deduplication.
+        // This reparse point is a file whose bytes are supplied by a filter of the file system, such as a file on a
+        // volume with deduplication.
         k if k.is_file() && metadata.file_attributes() & REPARSE_POINT != 0 => Ok(open(0)?),
         k if k.is_file() => Ok(file),
         _ => Err("a device"),

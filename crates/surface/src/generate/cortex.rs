@@ -2,21 +2,21 @@
 //!
 //! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space. The map has two parts:
 //!
-//! 1. *Folds.* A point of the sphere moves along its radius to 1 - d / (1 + (w / s)^2), where w is a sum of plane waves
-//!    cos(k_j . x + p_j) of nearly the same wavelength. The zeros of w are winding lines about half a wavelength apart,
-//!    which become furrows of depth d with broad ridges between them. Since the radius is a positive function on the
-//!    sphere, the surface is embedded.
-//! 2. *Shears* x -> x + a sin(k . x + p) e with e perpendicular to k, from long waves to short ones. A shear is a
-//!    smooth map of space that preserves volume and has a smooth inverse (the shear with -a instead of a), so the
-//!    surface stays embedded. The shears tilt the furrows until walls overhang and the surface is no longer star-shaped
-//!    about any point.
+//! 1. *Folds.* A point of the sphere moves along its radius to the distance 1 - d / (1 + (w / s)^2) from the centre,
+//!    where w is a sum of plane waves cos(k_j . x + p_j) of nearly the same wavelength. The zeros of w are winding
+//!    lines about half a wavelength apart. They become furrows of depth d, with broad ridges between the furrows. Since
+//!    the radius is a positive function on the sphere, the surface is embedded.
+//! 2. *Shears* x -> x + a sin(k . x + p) e, with e perpendicular to k, are applied from long to short wavelengths. A
+//!    shear is a smooth map of space that preserves volume and has a smooth inverse (the shear with -a instead of a),
+//!    so the surface stays embedded. The shears tilt the furrows until walls overhang and the surface is no longer
+//!    star-shaped about any point.
 //!
 //! Finally the surface is scaled along each axis to the extents of an adult's cerebrum.
 //!
-//! The constants were chosen by measurements over the icosphere of 40,962 vertices, and so that pictures resemble gyri
-//! and sulci. 1.4 % of the triangles of variant 0 face its centre. Least-squares fits to variant 0 (NumPy) have a mean
-//! squared distance (msd) of 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100
-//! (0.1 mm).
+//! The constants were chosen by measurements over the icosphere of 40,962 vertices, and such that pictures of the
+//! surface resemble gyri and sulci. 1.4 % of the triangles of variant 0 face its centre. Least-squares fits to variant
+//! 0, computed with NumPy, have a mean squared distance (msd) of 7.7e-4 at degree 10, which corresponds to errors of
+//! about 3 mm. The msd is 1.2e-5 at degree 60, and 7.4e-7 (0.1 mm) at degree 100.
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -67,12 +67,12 @@ struct Folding {
 }
 
 const WAVES: usize = 40;
-/// Range of the wave numbers of the folds, in radians per radius. Furrows are about pi / 14.5 radii apart, 13 mm on a
-/// brain.
+/// Range of the wave numbers of the folds, in radians per radius. Furrows are about pi / 14.5 radii apart, which is 13
+/// mm on a brain.
 const WAVE_NUMBERS: (f64, f64) = (13.0, 16.0);
 /// The depth d of furrows, in radii.
 const DEPTH: f64 = 0.2;
-/// The width s of furrows, in standard deviations of w.
+/// The width s of furrows, in standard deviations of the sum w of the waves.
 const WIDTH: f64 = 0.75;
 /// Wave number, amplitude and count of each group of shears, in the order in which the groups are applied.
 const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
@@ -110,7 +110,7 @@ impl Folding {
 
     fn apply(&self, direction: Vec3) -> Vec3 {
         let sum: f64 = self.waves.iter().map(|wave| wave.argument(direction).cos()).sum();
-        // Scale w to variance 1 for any number of waves.
+        // The sum w is scaled to variance 1 for any number of waves.
         let w = sum * (2.0 / WAVES as f64).sqrt();
         let furrow = 1.0 / (1.0 + (w / WIDTH).powi(2));
         let radius = 1.0 - DEPTH * furrow;
@@ -125,7 +125,7 @@ impl Folding {
 ///
 /// # Panics
 ///
-/// In the same cases as [`icosphere_counts`](super::icosphere_counts).
+/// Panics in the same cases as [`icosphere_counts`](super::icosphere_counts).
 #[must_use]
 pub fn cortex_bytes(subdivisions: u32) -> u64 {
     super::icosphere_bytes(subdivisions) + 48 * super::icosphere_counts(subdivisions)[0]
@@ -133,12 +133,12 @@ pub fn cortex_bytes(subdivisions: u32) -> u64 {
 
 /// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
-/// Results are reproducible on one machine. Between machines the last bits may differ, because the sine function is the
-/// C library's.
+/// Results are reproducible on one machine. Results of different machines may differ in the last bits, because the sine
+/// function is that of the C library.
 ///
 /// # Panics
 ///
-/// In the same cases as [`icosphere`].
+/// Panics in the same cases as [`icosphere`].
 #[must_use]
 pub fn cortex(parameters: &Cortex) -> (Mesh, Mesh) {
     let sphere = icosphere(parameters.subdivisions);

@@ -15,8 +15,8 @@ pub struct Torus {
     pub tube: f64,
     /// Height of the bumps, relative to the tube's radius.
     pub bumps: f64,
-    /// Number of vertices around the tube, at least 3. Around the ring, vertices have the same spacing on the circle of
-    /// radius `ring`.
+    /// Number of vertices around the tube, at least 3. Around the ring, vertices have the same spacing, measured on the
+    /// circle of radius `ring`.
     pub around: u32,
 }
 
@@ -30,7 +30,7 @@ impl Default for Torus {
 ///
 /// # Panics
 ///
-/// If `around` is below 3, or `tube` isn't between 0 and `ring`.
+/// Panics if `around` is below 3, or `tube` isn't between 0 and `ring`.
 #[must_use]
 pub fn torus(parameters: &Torus) -> Mesh {
     let Torus { ring, tube, bumps, around } = *parameters;
@@ -64,14 +64,14 @@ pub fn torus(parameters: &Torus) -> Mesh {
 ///
 /// # Panics
 ///
-/// If `cells` is below 32.
+/// Panics if `cells` is below 32.
 #[must_use]
 pub fn double_torus(cells: u32) -> Mesh {
     assert!(cells >= 32, "expected at least 32 cells for a double torus, found {cells}");
     const LEVEL: f64 = 0.02;
     let step = 2.4 / f64::from(cells);
-    // The grid is chosen such that the flat part of the surface between the holes lies midway between grid points. No
-    // cell is then ambiguous.
+    // The grid is chosen such that the flat part of the surface between the holes lies midway between grid points. With
+    // this grid, no cell is ambiguous.
     let thickness = 2.0 * LEVEL.sqrt();
     let flat = (thickness / step).round();
     let steps = [step, step, thickness / flat];

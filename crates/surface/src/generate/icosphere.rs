@@ -5,15 +5,16 @@ use crate::mesh::Mesh;
 
 use super::subdivide::split;
 
-/// Returns an icosahedron whose triangles are split in four `subdivisions` times, with all vertices on the unit sphere.
+/// Splits each triangle of an icosahedron in four, `subdivisions` times, and returns the mesh with all vertices on the
+/// unit sphere.
 ///
-/// With s subdivisions there are 10 * 4^s + 2 vertices and 20 * 4^s triangles, wound outwards; s = 6 gives 40,962
-/// vertices, s = 7 gives 163,842. The order is fixed: the first 10 * 4^k + 2 vertices are those of the icosphere with k
-/// subdivisions, as in FreeSurfer's icospheres.
+/// The result of s subdivisions has 10 * 4^s + 2 vertices and 20 * 4^s triangles, which are wound outwards. For
+/// example, s = 6 gives 40,962 vertices, and s = 7 gives 163,842. The order of the vertices is fixed: the first 10 *
+/// 4^k + 2 vertices are those of the icosphere with k subdivisions, as in FreeSurfer's icospheres.
 ///
 /// # Panics
 ///
-/// For more than 14 subdivisions, because the number of half-edges would exceed 32 bits.
+/// Panics for more than 14 subdivisions, because the number of half-edges would exceed 32 bits.
 #[must_use]
 pub fn icosphere(subdivisions: u32) -> Mesh {
     assert!(subdivisions <= 14, "expected at most 14 subdivisions of the icosahedron, found {subdivisions}");
@@ -28,7 +29,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
 ///
 /// # Panics
 ///
-/// For more than 29 subdivisions, because the number of vertices would exceed 64 bits.
+/// Panics for more than 29 subdivisions, because the number of vertices would exceed 64 bits.
 #[must_use]
 pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     assert!(subdivisions <= 29, "expected at most 29 subdivisions of the icosahedron, found {subdivisions}");
@@ -41,7 +42,7 @@ pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
 ///
 /// # Panics
 ///
-/// In the same cases as [`icosphere_counts`].
+/// Panics in the same cases as [`icosphere_counts`].
 #[must_use]
 pub fn icosphere_bytes(subdivisions: u32) -> u64 {
     86 * icosphere_counts(subdivisions)[0]

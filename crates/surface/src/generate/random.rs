@@ -39,7 +39,8 @@ impl SplitMix64 {
     pub(super) fn square_to(&mut self, k: Vec3) -> Vec3 {
         loop {
             let e = cross(k, self.direction());
-            // Any direction that isn't parallel to k is suitable; nearly always the first one is.
+            // Any random direction that isn't nearly parallel to k is suitable. Nearly always, the first direction is
+            // suitable.
             if e.iter().map(|x| x * x).sum::<f64>() > 1e-6 * k.iter().map(|x| x * x).sum::<f64>() {
                 return unit(e);
             }
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
     use crate::geometry::dot;
 
-    /// The expected values are those of the paper's generator for seed 0.
+    /// The expected values are the first numbers of the published generator SplitMix64 for seed 0.
     #[test]
     fn numbers_are_those_of_splitmix64() {
         let mut random = SplitMix64::new(0);

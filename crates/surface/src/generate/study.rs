@@ -3,7 +3,8 @@
 //! A subject is an elongated body, about 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere, with
 //! waves that differ from subject to subject. The body is stretched along its axes, bent, and moved by a random
 //! rotation and translation. In the second group, the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))`
-//! around a fixed position. The triangles are those of an icosphere, independent of the pose; no sphere is returned.
+//! around a fixed position. The triangles are those of an icosphere and don't depend on the pose. No sphere is
+//! returned.
 
 use super::icosphere;
 use super::random::SplitMix64;

@@ -11,11 +11,11 @@ use crate::mesh::Mesh;
 /// triangles first use the edges. The order depends only on the triangles. If a surface is split by this function and
 /// its sphere by [`subdivide_sphere`], the results therefore correspond vertex by vertex.
 ///
-/// A closed surface of genus zero with n vertices becomes one with 4 n - 6 vertices.
+/// From a closed surface of genus zero with n vertices, the result has 4 n - 6 vertices.
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range, or the number of vertices exceeds 32 bits.
+/// Panics if a triangle's index is out of range, or the number of vertices exceeds 32 bits.
 #[must_use]
 pub fn subdivide(mesh: &Mesh) -> Mesh {
     split(mesh, |a, b| scale(add(a, b), 0.5))
@@ -25,7 +25,7 @@ pub fn subdivide(mesh: &Mesh) -> Mesh {
 ///
 /// # Panics
 ///
-/// In the same cases as [`subdivide`].
+/// Panics in the same cases as [`subdivide`].
 #[must_use]
 pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
     let unit_sphere = sphere.with_vertices(sphere.vertices.iter().map(|&v| unit(v)).collect());

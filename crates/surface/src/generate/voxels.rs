@@ -26,7 +26,7 @@ impl Voxels {
     ///
     /// # Panics
     ///
-    /// If the mesh has no vertex, or the size isn't positive.
+    /// Panics if the mesh has no vertex, or the size isn't positive.
     pub fn of(mesh: &Mesh, size: f64) -> Self {
         assert!(!mesh.vertices.is_empty() && size > 0.0, "expected a mesh with vertices and a voxel size above 0");
         let extreme = |k: usize, f: fn(f64, f64) -> f64| mesh.vertices.iter().map(|x| x[k]).reduce(f).unwrap_or(0.0);

@@ -1,8 +1,9 @@
 //! Reads annotations, which divide a surface into named regions: FreeSurfer's `lh.aparc.annot`, and GIfTI labels.
 //!
-//! In an `.annot` file all numbers are big-endian i32: the number of vertices; for each its index and the colour of its
-//! region; and a table of colours and names, in an older and a newer version (FreeSurfer's `read_annotation.m`).
-//! A colour is red + 2^8 green + 2^16 blue; the fourth number of the table, transparency, isn't part of it.
+//! In an `.annot` file, all numbers are big-endian i32. The file has the number of vertices, then the index of each
+//! vertex and the colour of its region, then a table of the regions' colours and names. The table has an older and a
+//! newer version (see FreeSurfer's `read_annotation.m`). The colour of a vertex is stored as red + 2^8 green + 2^16
+//! blue. The fourth number of a colour in the table, its transparency, isn't part of this value.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,8 +13,8 @@ use super::flaw::{Flaw, bounded};
 use super::{gifti, load};
 use crate::error::SurfaceError;
 
-/// Parts of names that mark regions outside the cortex, in lower case and with _ for other separators. They cover
-/// aparc, a2009s, and atlases such as Yeo's and Schaefer's (`Background+FreeSurfer_Defined_Medial_Wall`).
+/// Parts of names that mark regions outside the cortex, in lower case and with _ in place of other separators. They
+/// cover aparc, a2009s, and atlases such as Yeo's and Schaefer's (`Background+FreeSurfer_Defined_Medial_Wall`).
 const OUTSIDE: [&str; 5] = ["unknown", "medial_wall", "medialwall", "corpuscallosum", "background"];
 
 /// The region of each vertex of a surface.
@@ -33,7 +34,7 @@ impl Annotation {
     }
 
     /// Returns, for each vertex, whether it belongs to a region of the cortex. Regions called unknown or medial wall
-    /// don't count as cortex.
+    /// don't belong to the cortex.
     #[must_use]
     pub fn is_cortex(&self) -> Vec<bool> {
         let inside: Vec<bool> = self.names.iter().map(|name| is_region(name)).collect();
@@ -112,8 +113,8 @@ fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     if numbered && first != -2 {
         return Err(Flaw::new("a colour table of version 2", format!("version {}", -i64::from(first))));
     }
-    // The newer version begins with the largest region number; the number of regions comes later, after the name of the
-    // file that the table was read from.
+    // The newer version begins with the largest region number. The number of regions follows the name of the file from
+    // which the table was read.
     let mut count = if numbered { whole(cursor, "a number of regions")? } else { u64::from(first.unsigned_abs()) };
     text(cursor)?;
     if numbered {

@@ -1,9 +1,9 @@
 //! Writes files atomically: a file appears complete or not at all.
 //!
 //! A temporary file in the same directory is written, flushed and synchronised. Then it is renamed to the final name in
-//! one step, and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file; an
-//! incomplete file is never visible under the final name. The store's files are written by the same rule (see
-//! "Publishing" in its design).
+//! one step, and the directory is synchronised. A crash or a full disk leaves at most a hidden temporary file. An
+//! incomplete file is never visible under the final name. The files of a store are written by the same rule (see
+//! "Publishing" in the store's design).
 
 use std::fs;
 use std::io::{self, BufWriter, Write};
@@ -18,14 +18,16 @@ use crate::error::SurfaceError;
 ///
 /// Without `overwrite`, an existing file isn't changed, even if it appears while `f` runs. With `overwrite`, the old
 /// file remains readable until the new one is complete, and the new file gets the old one's permissions. If the path is
-/// a symbolic link, the link's target is replaced; a dangling link is itself replaced. Directories, pipes and devices
-/// are never replaced. Other new files have the default permissions under the umask.
+/// a symbolic link, the link's target is replaced. If the link is dangling, the link itself is replaced. Directories,
+/// pipes and devices are never replaced. A new file that doesn't replace an old one gets the default permissions under
+/// the umask.
 ///
 /// # Errors
 ///
 /// [`OutputExists`](SurfaceError::OutputExists) if the file exists and `overwrite` is false;
 /// [`NotAFile`](SurfaceError::NotAFile) if the path is a directory, pipe or device; [`Io`](SurfaceError::Io) if `f` or
-/// the system fails. The target is then unchanged, unless only the last step, synchronising the directory, fails.
+/// the system fails. After an error the target is unchanged, unless the last step, the synchronisation of the
+/// directory, failed.
 pub fn write_new(
     path: impl AsRef<Path>,
     overwrite: bool,
@@ -83,8 +85,8 @@ pub fn write_new(
     sync_directory(&directory).map_err(io("synchronise the file's folder"))
 }
 
-/// Synchronises a directory, so that a new name in it survives a crash. Does nothing if this isn't supported: some
-/// network file systems refuse it, and Windows can't open a directory.
+/// Synchronises a directory, so that a new name in it survives a crash. Does nothing if synchronising a directory isn't
+/// supported: some network file systems refuse it, and Windows can't open a directory.
 fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {
         return Ok(());

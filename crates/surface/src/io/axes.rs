@@ -1,5 +1,6 @@
-//! Reads and writes the statement `SPACE=LPS` or `SPACE=RAS`, by which 3D Slicer gives the axes of a mesh in the title
-//! or in a comment of its file. Positions are kept as stored. Slicer assumes LPS for files without the statement.
+//! Reads and writes the statement `SPACE=LPS` or `SPACE=RAS`. 3D Slicer uses this statement to give the axes of a mesh,
+//! in the title or in a comment of the mesh's file. Positions are kept as stored. Slicer assumes LPS for files without
+//! the statement.
 
 use super::landmarks::Frame;
 use crate::mesh::{Mesh, Meta};
@@ -19,14 +20,14 @@ pub(super) fn stated(text: &[u8]) -> Option<Frame> {
     [Frame::Ras, Frame::Lps].into_iter().find(has)
 }
 
-/// Returns a mesh with the axes that its file states, if any, in its metadata.
+/// Adds the axes that a mesh's file states, if any, to the metadata of the mesh, and returns the mesh.
 pub(super) fn noted(mut mesh: Mesh, frame: Option<Frame>) -> Mesh {
     mesh.meta.file_metadata.extend(frame.map(|frame| (NAME.to_owned(), frame.name().to_owned())));
     mesh
 }
 
-/// Returns the statement about a mesh's axes, if they are known: from the mesh's file, or from GIfTI's name of the
-/// space of its positions.
+/// Returns the statement about a mesh's axes, if the axes are known from the mesh's file, or from the name that GIfTI
+/// metadata give to the space of the positions.
 pub(super) fn known(meta: &Meta) -> Option<String> {
     let noted = meta.file_metadata.iter().find(|(name, _)| name == NAME).and_then(|(_, axes)| Frame::named(axes));
     let by_space = || {

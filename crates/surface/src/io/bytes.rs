@@ -62,7 +62,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Returns the bytes before the next newline, and consumes them and the newline. Without a newline, returns all
-    /// remaining bytes. `None` at the end.
+    /// remaining bytes. Returns `None` at the end of the data.
     pub(super) fn line(&mut self) -> Option<&'a [u8]> {
         if self.rest.is_empty() {
             return None;
@@ -84,7 +84,7 @@ impl<'a> Cursor<'a> {
         self.at += n;
     }
 
-    /// Returns the next run of bytes that aren't white space; empty at the end of the data.
+    /// Returns the next run of bytes that aren't white space. At the end of the data, the result is empty.
     pub(super) fn token(&mut self) -> &'a [u8] {
         self.skip_whitespace();
         let n = self.rest.iter().take_while(|b| !b.is_ascii_whitespace()).count();

@@ -63,12 +63,12 @@ pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     Ok(())
 }
 
-/// Checks that a signal has values and that they are finite.
+/// Checks that a signal has values and that the values are finite.
 pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     signal_without(path, signal, |x| !x.is_finite())
 }
 
-/// Checks a signal that is to be written: it must have values, which may be NaN but not infinite.
+/// Checks a signal that is to be written. The signal must have values, which may be NaN but not infinite.
 pub(super) fn written_signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
     signal_without(path, signal, f64::is_infinite)
 }

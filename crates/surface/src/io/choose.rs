@@ -18,7 +18,7 @@ pub enum Output<'a> {
     OrderedMesh,
     /// Values on vertices.
     Signal,
-    /// A surface or values on vertices, if the choice isn't known yet.
+    /// A surface or values on vertices, if it isn't known yet which of the two is written.
     Either,
     /// An output of one fixed format; its name must end in one of these lower-case extensions.
     Ending(&'a [&'a str]),
@@ -26,7 +26,8 @@ pub enum Output<'a> {
 
 /// Checks, before any work, that the format implied by an output's name can hold the output.
 ///
-/// Functions that write files make this check, too. Programs call it for all outputs before they start.
+/// Functions that write files make this check, too. Programs call this function for all outputs before they start their
+/// work.
 ///
 /// # Errors
 ///
@@ -67,20 +68,21 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
-/// Returns the format for surfaces, read or written, whose extension a file's name has; `None` if it has none. The
-/// extension `.gii` counts, although files with it may hold values instead; the prefixes `lh.` and `rh.` don't.
+/// Returns the surface format whose extension a file's name has, or `None` if the name has no such extension. This
+/// crate may support the format for reading only. The extension `.gii` is accepted, although such a file may hold
+/// values instead. The prefixes `lh.` and `rh.` are ignored.
 fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     let name = name_without_gz(path);
     if [".func.gii", ".shape.gii"].iter().any(|ending| name.ends_with(ending)) {
         return None;
     }
-    // A format that isn't for values only is for surfaces.
+    // Formats for values only can write signals but not meshes. All other formats are for surfaces.
     let for_meshes = |format: &&FormatSpec| format.write_mesh.is_some() || format.write_signal.is_none();
     FORMATS.iter().filter(for_meshes).find(|format| has_ending(format, &name))
 }
 
 /// Returns whether a file's name has the extension of a format for surfaces. FreeSurfer's extensions, such as `.orig`,
-/// don't count, because they are also common words.
+/// are ignored, because they are also common words.
 #[must_use]
 pub fn is_named_mesh(path: &Path) -> bool {
     mesh_format(path).is_some_and(|format| !format.hemisphere_prefix)
@@ -98,8 +100,9 @@ pub fn is_named_signal(path: &Path) -> bool {
         && !name.ends_with(".surf.gii")
 }
 
-/// Returns whether an existing file may hold values on vertices rather than a surface. FreeSurfer's names don't
-/// determine this, so the first bytes of such a file do. Files that can't be read hold no values.
+/// Returns whether an existing file may hold values on vertices rather than a surface. The names of FreeSurfer's files
+/// don't distinguish surfaces from values, so the first bytes of such a file are checked. Returns `false` for files
+/// that can't be read.
 #[must_use]
 pub fn may_hold_signal(path: &Path) -> bool {
     if by_proper_ending(&name_without_gz(path)).is_some() {
@@ -107,7 +110,8 @@ pub fn may_hold_signal(path: &Path) -> bool {
     }
     let Ok(head) = head(path) else { return false };
     let format = FORMATS.iter().find(|format| (format.magic)(&head));
-    // The same bytes begin GIfTI's surfaces and values. A gzipped file must be unpacked to find its format.
+    // GIfTI files of surfaces and of values begin with the same bytes, so both may hold values. A gzipped file isn't
+    // unpacked here, so it may hold values, too.
     let holds = |format: &FormatSpec| FORMATS.iter().any(|of| of.name == format.name && of.write_signal.is_some());
     is_gzip(&head) || numpy::is_array(&head) || format.is_some_and(holds)
 }
@@ -128,8 +132,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     })
 }
 
-/// Returns the format of an existing file. The extension determines the format, except for FreeSurfer's extensions,
-/// which aren't unique. The first bytes then determine it.
+/// Returns the format of an existing file. The extension determines the format. If the file has no known extension, or
+/// one of FreeSurfer's extensions, which aren't unique, its first bytes determine the format.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
     let format = by_proper_ending(&name_without_gz(path)).or_else(by_magic);
@@ -177,13 +181,13 @@ pub(crate) fn name_without_gz(path: &Path) -> String {
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
-/// Returns a name without an extension in upper or lower case; `None` if the name has another extension.
+/// Removes an extension, in upper or lower case, from a name. Returns `None` if the name doesn't have this extension.
 pub(super) fn without_ending<'a>(name: &'a str, ending: &str) -> Option<&'a str> {
     let (stem, found) = name.split_at_checked(name.len().checked_sub(ending.len())?)?;
     found.eq_ignore_ascii_case(ending).then_some(stem)
 }
 
-/// Returns whether a file with this name is gzipped as a whole.
+/// Returns whether a file's name implies that the complete file is gzipped.
 pub(super) fn is_gzipped(path: &Path) -> bool {
     let name = lower_name(path);
     [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))

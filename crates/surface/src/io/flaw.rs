@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::error::SurfaceError;
 use crate::room::{NoRoom, check_room};
 
-/// An error of a parser. [`Flaw::at`] adds the file's path to it.
+/// An error of a parser. [`Flaw::at`] adds the file's path to the error.
 #[derive(Debug)]
 pub(super) enum Flaw {
     /// The bytes violate the format.
@@ -45,8 +45,8 @@ impl Flaw {
     }
 }
 
-/// Escapes control characters and shortens a message of another crate. Such a message may quote the file, whose
-/// newlines and escape sequences must not reach a terminal.
+/// Escapes control characters in a message from another crate, and shortens the message. Such a message may quote the
+/// file, whose newlines and escape sequences must not reach a terminal.
 fn one_line(text: &str) -> String {
     const MOST: usize = 160;
     let mut line: String = text.chars().take(MOST).flat_map(printable).collect();
@@ -70,8 +70,8 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     format!("\"{}\"{more}", head.escape_ascii())
 }
 
-/// Checks that a count in a header is plausible, before memory is allocated for it: that many items must fit into the
-/// rest of the file, and enough memory for them must be free.
+/// Checks that a count in a header is plausible, before memory is allocated for the counted items. The items must fit
+/// into the rest of the file, and enough memory for them must be free.
 ///
 /// `least` is the smallest size of an item in the file, in bytes. In memory, an item takes at least 8 bytes.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {

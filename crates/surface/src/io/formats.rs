@@ -51,8 +51,8 @@ pub static FORMATS: &[FormatSpec] = &[
         keeps_order: true,
         hemisphere_prefix: true,
         most_channels: 1,
-        // FreeSurfer's old quadrangle surfaces begin with the same bytes; the reader distinguishes them by their
-        // length.
+        // FreeSurfer's old quadrangle surfaces begin with the same bytes as curv files. The reader distinguishes the
+        // two by the file's length.
         magic: |bytes| bytes.starts_with(b"\xff\xff\xff"),
         read: |bytes| freesurfer::read_curv(bytes).map(Input::Signal),
         write_mesh: None,

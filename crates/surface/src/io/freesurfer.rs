@@ -1,11 +1,13 @@
 //! Reads and writes FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`).
 //!
-//! All numbers are big-endian. A surface consists of the magic FF FF FE, a comment line, usually an empty line, the
-//! numbers of vertices and triangles (i32), positions (f32), triangles (i32), and a footer that depends on the program.
-//! The footer describes the geometry of the volume, and its `c_ras` is the position of the origin; it is kept byte for
-//! byte. A curv file consists of the magic FF FF FF, three counts, and values (f32).
+//! All numbers are big-endian. A surface file begins with the magic FF FF FE, a comment line and usually an empty line.
+//! The numbers of vertices and triangles (i32), the positions (f32) and the triangles (i32) follow. The file ends with
+//! a footer that depends on the program. The footer describes the geometry of the volume. Its `c_ras` is the position
+//! of the origin. The footer is kept byte for byte. A curv file consists of the magic FF FF FF, three counts, and
+//! values (f32).
 //!
-//! The crate neuroformats isn't used: it drops the footer, and allocates memory by the header's counts unchecked.
+//! The crate neuroformats isn't used, because it drops the footer, and allocates memory by the header's counts without
+//! checking them.
 
 use std::io::{self, Write};
 
@@ -114,7 +116,7 @@ fn count(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
 pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&SURFACE_MAGIC)?;
     let stamp = mesh.meta.freesurfer_stamp.as_deref().unwrap_or("created by spharm");
-    // Newlines in the comment are replaced, since they would end the header early.
+    // Newlines in the comment are replaced, because a newline would end the header early.
     writeln!(out, "{}\n", stamp.replace('\n', " "))?;
     write_i32(out, mesh.vertices.len())?;
     write_i32(out, mesh.faces.len())?;

@@ -1,7 +1,7 @@
-//! Creates temporary files, and removes those left behind by killed processes.
+//! Creates temporary files, and removes temporary files left behind by killed processes.
 //!
 //! A process locks the temporary file that it writes, so a temporary file without a lock is abandoned. On file systems
-//! without locks, a temporary file counts as abandoned if it hasn't been modified for a day.
+//! without locks, a temporary file is assumed to be abandoned if it hasn't been modified for a day.
 
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 
 const PREFIX: &str = ".spharm.";
 const SUFFIX: &str = ".tmp";
-/// Age at which a temporary file counts as abandoned, on file systems without locks.
+/// Age at which a temporary file on a file system without locks is assumed to be abandoned.
 const OLD: Duration = Duration::from_secs(24 * 3600);
 
 /// Creates and locks a temporary file in a folder.
@@ -21,15 +21,16 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
-        // These are the default permissions of new files. Temporary files, and hence the results, would otherwise be
-        // private.
+        // Set the default permissions of new files. Otherwise, temporary files would be private, and so would the final
+        // files.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     loop {
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Another process removed the file as a leftover between its creation and the lock; try again.
+            // Between the creation of the file and the lock, another process removed the file as a leftover. Another
+            // attempt follows.
             Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -42,7 +43,7 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
 ///
 /// # Errors
 ///
-/// If the folder can't be listed.
+/// Returns an error if the folder can't be listed.
 pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
     let mut removed = Vec::new();
     for entry in fs::read_dir(folder)? {

@@ -10,8 +10,8 @@ use super::flaw::Flaw;
 use crate::error::SurfaceError;
 use crate::room::{Bytes, check_room, most_expanded};
 
-/// Reads the whole of a regular file. Directories, FIFOs and devices are rejected before they are opened, since opening
-/// a FIFO would wait for its writer.
+/// Reads a complete regular file. Directories, FIFOs and devices are rejected before they are opened, since opening a
+/// FIFO would wait for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
     let found = regular(path)?;
@@ -22,7 +22,7 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// Returns the metadata of a regular file without opening it. Anything else is an error.
+/// Returns the metadata of a regular file without opening it. Returns an error if the path isn't a regular file.
 fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     let found = fs::metadata(path);
     let found = found.map_err(|cause| SurfaceError::Io { path: path.to_owned(), action: "open", cause })?;
@@ -45,7 +45,7 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
 }
 
 /// Largest number of bytes to which one byte of Deflate's output (gzip, zip) can expand. The bound is inherent in the
-/// method.
+/// Deflate method.
 pub const MOST_EXPANSION: u64 = 1032;
 
 /// Returns whether the bytes begin like a gzip file.

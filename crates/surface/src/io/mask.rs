@@ -1,8 +1,9 @@
 //! Reads masks, which select the vertices to use.
 //!
-//! A mask is a file of values on vertices, with 0 for excluded vertices; a FreeSurfer label (`lh.cortex.label`); or an
-//! annotation (`lh.aparc.annot`), which selects all its regions except unknown and the medial wall. A label is text: a
-//! comment line, the number of vertices, and one line per selected vertex with its index, position and value.
+//! A mask is given by a file of values on vertices, by a FreeSurfer label (`lh.cortex.label`), or by an annotation
+//! (`lh.aparc.annot`). In a file of values, 0 marks excluded vertices. An annotation selects all its regions except
+//! unknown and the medial wall. A label file is text. It has a comment line, the number of vertices, and one line per
+//! selected vertex with its index, position and value.
 
 use std::path::Path;
 
@@ -38,7 +39,7 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
             let flaw = Flaw::new("one value per vertex", format!("{} per vertex", signal.channels));
             return Err(flaw.at(path, "a mask"));
         }
-        // In GIfTI labels, a nonzero value may stand for a region called unknown or medial wall.
+        // In a GIfTI label file, a nonzero value may denote a region called unknown or medial wall.
         let labels = if is_gifti_label(path) { read_annotation(path, vertices).ok() } else { None };
         let is_outside = |vertex: usize| {
             let name = labels.as_ref().and_then(|labels| labels.name_at(vertex));

@@ -1,9 +1,9 @@
 //! Reads and writes FreeSurfer's MGH (`.mgh`, or gzipped `.mgz`) with values on vertices, in one or more frames.
 //!
-//! All numbers are big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, 256
-//! bytes of geometry, then from byte 284 on the values (width varies fastest, frames slowest), then tags. For values on
-//! n vertices, width, height and depth are n, 1 and 1 in any order. Files with more than one size above 1 are volumes,
-//! which [`volume`](super::volume) recognises.
+//! All numbers are big-endian: version (i32, 1), width, height, depth, frames, type (i32 each), degrees of freedom, and
+//! 256 bytes of geometry. The values start at byte 284 (width varies fastest, frames slowest), and tags follow the
+//! values. For values on n vertices, width, height and depth are n, 1 and 1 in any order. Files with more than one size
+//! above 1 are volumes, which [`volume`](super::volume) recognises.
 //!
 //! Source: <https://surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat>.
 

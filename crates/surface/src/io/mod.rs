@@ -21,17 +21,17 @@
 //! Landmarks have their own formats, see [`landmarks`].
 //!
 //! 3D Slicer writes the axes of a mesh to the title or a comment of VTK, PLY, STL and OBJ files, as `SPACE=LPS` or
-//! `SPACE=RAS`. They are kept as metadata and written again; positions aren't converted.
+//! `SPACE=RAS`. The axes are kept as metadata and written again. Positions aren't converted.
 //!
 //! A file of any of these formats may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks
 //! whether an output's name implies a suitable format.
 //!
-//! Polygons are cut into triangles: into a fan, or into ears where a fan would fold, as for concave polygons of at most
-//! 4096 corners. A byte order mark at the start of a file is skipped.
+//! A polygon is cut into a fan of triangles. If the fan would have folds, as for concave polygons, a polygon of at most
+//! 512 corners is cut by ear clipping instead. A byte order mark at the start of a file is skipped.
 //!
 //! A count in a header is compared with the size of the file before memory is allocated for it. A file is read
-//! completely; its contents take at most a few times its size in memory. The size of decompressed data is compared with
-//! [`most_expanded`] and the free memory, before and during decoding.
+//! completely. In memory, its contents take at most a few times the size of the file. The size of decompressed data is
+//! compared with [`most_expanded`] and the free memory, before and during decoding.
 
 mod annotation;
 mod atomic;
@@ -190,7 +190,7 @@ pub(crate) fn read_columns_with_gaps(path: &Path) -> Result<(Input, Columns), Su
     Ok((input, columns))
 }
 
-/// Reads a surface whose positions may be NaN or infinite, for fits that don't read these vertices.
+/// Reads a surface whose positions may be NaN or infinite, for fits that ignore the vertices with such positions.
 ///
 /// # Errors
 ///
@@ -234,7 +234,8 @@ fn parse(path: &Path) -> Result<(Input, Columns), SurfaceError> {
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
     }
-    // While the file's bytes are in memory, the contents need at least as much memory again, in every format.
+    // In every format, the decoded contents need at least as much memory as the file's bytes, which are still in
+    // memory.
     check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     if let Some(header) = numpy::header(&bytes) {
         let signal = numpy::read(&bytes, &header).map_err(|flaw| flaw.at(path, numpy::NAME))?;
@@ -260,8 +261,8 @@ fn parse(path: &Path) -> Result<(Input, Columns), SurfaceError> {
 ///
 /// # Errors
 ///
-/// If the name implies no format, if the file exists and `overwrite` is false, or if writing fails. The existing file
-/// is then unchanged.
+/// Returns an error if the name implies no format, if the file exists and `overwrite` is false, or if writing fails.
+/// After an error, an existing file is unchanged.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -> Result<(), SurfaceError> {
     let path = path.as_ref();
     let format = to_write_mesh(path)?;
@@ -285,7 +286,8 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
 }
 
 /// Writes values on the vertices of an anatomical structure, such as `CortexLeft`. GIfTI stores the structure as
-/// `AnatomicalStructurePrimary`, which Workbench requires; other formats don't store it. See [`write_signal`].
+/// `AnatomicalStructurePrimary`, which Workbench requires. Other formats don't store the structure. See
+/// [`write_signal`].
 ///
 /// # Errors
 ///

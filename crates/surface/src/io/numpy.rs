@@ -55,7 +55,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Signal, Flaw> {
     let endian = if header.little { Endian::Little } else { Endian::Big };
     let mut values = vec![0.0; count];
     for at in 0..count {
-        // In Fortran order, the values of a channel are side by side.
+        // In Fortran order, the values of a channel are contiguous.
         let place = if header.fortran { at % vertices * channels + at / vertices } else { at };
         values[place] = scalar.read(&mut cursor, endian)?;
     }

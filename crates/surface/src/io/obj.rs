@@ -1,8 +1,9 @@
 //! Reads and writes Wavefront OBJ: `v x y z`, `f a/b/c ...`. Everything else (normals, textures, groups, materials) is
-//! skipped, except for a comment that states the axes. A backslash at the end of a line continues it on the next one.
+//! skipped, except for a comment that states the axes. A backslash at the end of a line means that the line continues
+//! on the next line.
 //!
-//! The crate tobj isn't used: it makes a separate model with separate vertices for each group, which loses the order of
-//! the vertices.
+//! The crate tobj isn't used, because it makes a separate model with separate vertices for each group, so the order of
+//! the vertices is lost.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -21,7 +22,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut frame = None;
     let mut lines = lines(bytes);
     while let Some((line_number, line)) = lines.next() {
-        // Other lines aren't continued, because a comment or a file's name may end in a backslash.
+        // Only lines of vertices and polygons are continued, because a comment or a file's name may end in a backslash.
         let line = match words(line).next() {
             Some(b"v" | b"f") => continued(line, &mut lines),
             Some(word) if word.starts_with(b"#") => {
@@ -52,7 +53,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(noted(faces.into_mesh(vertices), frame))
 }
 
-/// Returns a line with the lines that continue it.
+/// Joins a line and the lines that continue it.
 fn continued<'a>(line: &'a [u8], rest: &mut impl Iterator<Item = (usize, &'a [u8])>) -> Cow<'a, [u8]> {
     let Some(start) = line.strip_suffix(b"\\") else { return Cow::Borrowed(line) };
     let mut whole = start.to_vec();
@@ -69,8 +70,8 @@ fn continued<'a>(line: &'a [u8], rest: &mut impl Iterator<Item = (usize, &'a [u8
     Cow::Owned(whole)
 }
 
-/// Parses a corner such as `7`, `7/1`, `7//3` or `-1`. Positive indices count from 1; negative ones count back from the
-/// last vertex read so far.
+/// Parses a corner such as `7`, `7/1`, `7//3` or `-1`. Positive indices count from 1, and negative indices count back
+/// from the last vertex read so far.
 fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32, Flaw> {
     let position = word.split(|&b| b == b'/').next().unwrap_or_default();
     let from_zero = match number::<i64>(position) {

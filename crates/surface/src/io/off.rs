@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 
 /// Reads a text file with the keyword OFF, COFF, NOFF or CNOFF.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
-    // Comments are removed, and lines that are then empty are skipped.
+    // Comments are removed, and lines that are empty without their comments are skipped.
     let mut lines = lines(bytes)
         .map(|(number, line)| (number, line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii()))
         .filter(|(_, line)| !line.is_empty());
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let vertex_count: u64 = next_number(&mut counts, "the count of vertices", at)?;
     let face_count: u64 = next_number(&mut counts, "the count of polygons", at)?;
 
-    // The shortest line has 6 bytes: "0 0 0" and a newline; the last newline of the file may be missing.
+    // The shortest line, "0 0 0" and a newline, has 6 bytes. The last newline of the file may be missing.
     let vertex_count = bounded(vertex_count, 6, bytes.len() + 1, "vertices")?;
     let mut vertices = Vec::with_capacity(vertex_count);
     for _ in 0..vertex_count {

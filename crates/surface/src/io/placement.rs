@@ -1,6 +1,6 @@
-//! Represents the placement of a scene's parts by affine maps, which nodes and components have.
+//! Represents affine maps, by which nodes (glTF, VRML) and components (3MF) place the parts of a scene.
 
-/// An affine map. Row k gives coordinate k of the image: three factors, then the shift.
+/// An affine map. Row k has the three factors and the shift that give coordinate k of the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placement(pub(super) [[f64; 4]; 3]);
 

@@ -3,14 +3,15 @@
 use crate::geometry::{Vec3, add, dot, face_normal, unit};
 use crate::mesh::Mesh;
 
-/// Largest number of corners of a concave polygon that is cut without folds. The time of a cut grows with the square of
-/// this number, and with the cube for hostile polygons.
+/// Concave polygons with at most this many corners are cut into triangles without folds. Larger polygons remain fans.
+/// The time of a cut grows with the square of the number of corners, and with its cube in the worst case.
 const MOST_CORNERS: usize = 512;
-/// Largest area of a triangle that faces backwards but doesn't count as a fold, as a fraction of the polygon's area. If
-/// corners lie on a line, rounding of their coordinates causes such triangles.
+/// A triangle that faces backwards is a fold only if its area exceeds this fraction of the polygon's area. If corners
+/// lie on a line, rounding of their coordinates can cause smaller triangles that face backwards.
 const ROUNDING: f64 = 1e-6;
 
-/// Triangles of polygons and strips. A polygon is a fan of triangles until the vertices are known.
+/// Triangles of polygons and strips. A polygon is stored as a fan of triangles until the positions of the vertices are
+/// known.
 #[derive(Debug, Default)]
 pub(super) struct Triangles {
     faces: Vec<[u32; 3]>,
@@ -29,7 +30,7 @@ impl Triangles {
 
     /// Adds a polygon. Returns `false` for fewer than three corners.
     pub(super) fn polygon(&mut self, corners: &[u32]) -> bool {
-        // More triangles than 32 bits can count are refused later.
+        // Meshes with more triangles than 32 bits can count are rejected later.
         if let (Ok(first), Ok(count @ 4..)) = (u32::try_from(self.faces.len()), u32::try_from(corners.len())) {
             self.polygons.push([first, count - 2]);
         }
@@ -41,7 +42,7 @@ impl Triangles {
         strip(corners, &mut self.faces)
     }
 
-    /// Returns the triangles. Polygons that a fan would fold are cut into ears instead.
+    /// Returns the triangles. A polygon whose fan has folds is cut by ear clipping instead.
     pub(super) fn cut(mut self, vertices: &[Vec3]) -> Vec<[u32; 3]> {
         for [first, count] in self.polygons.iter().map(|polygon| polygon.map(|number| number as usize)) {
             let Some(fan) = self.faces.get_mut(first..first + count) else { continue };
@@ -78,8 +79,10 @@ pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     true
 }
 
-/// Cuts a polygon, given as a fan, into as many triangles without folds. Returns `None` if the fan has no folds in
-/// the plane of the polygon's normal (Newell), or if no other cut is found, as for polygons that cross themselves.
+/// Cuts a polygon, given as a fan of triangles, anew into the same number of triangles, so that the result has no
+/// folds. Folds are detected in the plane perpendicular to the polygon's normal (Newell's method). Returns `None` if
+/// the fan has no folds, if the polygon has too many corners, or if no cut without folds is found, as for polygons that
+/// cross themselves.
 fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
     let place = |[a, b, c]: [u32; 3]| {
         let at = |v: u32| vertices.get(v as usize).copied();
@@ -102,8 +105,8 @@ fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
 }
 
 /// Cuts a polygon into triangles by ear clipping (G. Meisters, Amer. Math. Monthly 82, 1975). `area` returns the signed
-/// area of a triangle. `same` returns whether two corners are at the same position; such corners occur at the ends of
-/// the line that joins a hole to the outline of a polygon.
+/// area of a triangle. `same` returns whether two corners are at the same position. Corners at the same position occur
+/// at the ends of the line that joins a hole to the outline of a polygon.
 fn ears(corners: &[u32], area: impl Fn([u32; 3]) -> f64, same: impl Fn(u32, u32) -> bool) -> Option<Vec<[u32; 3]>> {
     let mut left = corners.to_vec();
     let mut faces = Vec::with_capacity(left.len().saturating_sub(2));
@@ -133,8 +136,8 @@ fn ears(corners: &[u32], area: impl Fn([u32; 3]) -> f64, same: impl Fn(u32, u32)
 /// Splits a strip into triangles, each of three successive corners, and adds them to `faces`. Returns `false` for fewer
 /// than three corners.
 ///
-/// Every second triangle is reversed, so that all have the winding of the first. Triangles that repeat a corner are
-/// dropped: exporters insert them to join several strips into one.
+/// Every second triangle is reversed, so that all triangles have the winding of the first one. Triangles that repeat a
+/// corner are dropped, because exporters insert such triangles only to join several strips into one.
 pub(super) fn strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     for (i, triangle) in corners.windows(3).enumerate() {
         let &[a, b, c] = triangle else { continue };
@@ -167,7 +170,8 @@ mod tests {
 
     #[test]
     fn concave_polygons_are_cut_inside_from_every_corner() {
-        // The end of a bar with a slot; corners on a line; a square with a square hole, joined along one line.
+        // The polygons are the end of a bar with a slot, a polygon with corners on a line, and a square with a square
+        // hole that is joined to the outline along one line.
         let slot = [[0., 0.], [3., 0.], [3., 2.], [2., 2.], [2., 1.], [1., 1.], [1., 2.], [0., 2.]];
         let line = [[0., 0.], [1., 0.], [2., 0.], [2., 1.], [1., 1.], [1., 1.5], [1., 2.], [0., 2.], [0., 1.]];
         let hole = [[0., 0.], [3., 0.], [3., 3.], [0., 3.], [0., 0.], [1., 1.], [1., 2.], [2., 2.], [2., 1.], [1., 1.]];
@@ -193,12 +197,12 @@ mod tests {
     #[test]
     fn a_fan_that_has_no_folds_is_kept_and_so_is_that_of_crossing_polygons() {
         let turn = |k: i32, step: f64| (f64::from(k) * step * std::f64::consts::TAU).sin_cos();
-        // A bent pentagon, and a pentagram.
+        // The polygons are a bent pentagon and a pentagram.
         for (step, bend) in [(0.2, 0.1), (0.4, 0.0)] {
             let polygon: Vec<Vec3> = (0..5).map(|k| turn(k, step)).map(|(y, x)| [x, y, bend * x * y]).collect();
             assert_eq!(cut(&polygon, 1).0, [[1, 2, 3], [1, 3, 4], [1, 4, 0]]);
         }
-        // All corners on a line, a missing vertex, and numbers that aren't finite.
+        // The polygons have all corners on a line, a missing vertex, or coordinates that aren't finite.
         let line: Vec<Vec3> = (0..4).map(|k| [f64::from(k), 0.0, 0.0]).collect();
         assert_eq!(cut(&line, 0).0, [[0, 1, 2], [0, 2, 3]]);
         assert_eq!(cut(&[[f64::NAN; 3]; 4], 0).0, [[0, 1, 2], [0, 2, 3]]);
@@ -212,7 +216,7 @@ mod tests {
         let mut faces = Vec::new();
         assert!(strip(&[0, 1, 2, 3, 4], &mut faces));
         assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [2, 3, 4]]);
-        // The same quadrangles as two strips joined by repeated corners.
+        // The same quadrangles are given as two strips that are joined by repeated corners.
         faces.clear();
         assert!(strip(&[0, 1, 2, 3, 3, 4, 4, 5, 6, 7], &mut faces));
         assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7]]);

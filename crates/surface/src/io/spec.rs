@@ -28,13 +28,13 @@ pub struct FormatSpec {
     /// Whether the order of the vertices is preserved. If not, a surface read back no longer corresponds to its sphere.
     pub keeps_order: bool,
     /// Whether this format is implied by names that begin with `lh.` or `rh.` (a hemisphere) and don't have the
-    /// extension of another format. The extensions of such a format are common words that don't determine the format of
-    /// a file.
+    /// extension of another format. If so, the format's extensions, such as `pial`, don't determine the format of a
+    /// file without this prefix, because they are common words.
     pub hemisphere_prefix: bool,
     /// Largest number of values per vertex.
     pub most_channels: usize,
-    /// Returns whether the given bytes are the beginning of a file of this format. Of several matching formats, the
-    /// first in the table is used.
+    /// Returns whether the given bytes are the beginning of a file of this format. If several formats match, the first
+    /// one in the table of formats is used.
     pub(super) magic: fn(&[u8]) -> bool,
     /// Reads a file's contents.
     pub(super) read: fn(&[u8]) -> Result<Input, Flaw>,
@@ -60,7 +60,7 @@ pub(super) struct Context<'a> {
 }
 
 impl FormatSpec {
-    /// Returns whether all bits of an f64 are stored. `double` says whether 64 bits are requested.
+    /// Returns whether all bits of an f64 are stored. `double` states whether 64 bits are requested.
     #[must_use]
     pub fn holds_double(&self, double: bool) -> bool {
         match self.precision {

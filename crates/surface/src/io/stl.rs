@@ -1,7 +1,9 @@
-//! Reads and writes STL, as text or binary. STL has no shared vertices: each triangle stores its corners. When read,
-//! corners with exactly equal coordinates become one vertex; vertices are numbered in the order of first appearance.
+//! Reads and writes STL, as text or binary. STL has no shared vertices: each triangle stores its corners. The reader
+//! merges corners with exactly equal coordinates into one vertex, and numbers vertices in the order of first
+//! appearance.
 //!
-//! The crate stl_io isn't used: it treats binary files that start with "solid", as many do, as text.
+//! The crate stl_io isn't used, because it treats binary files that start with "solid" as text. Many binary files start
+//! with "solid".
 
 use std::io::{self, Write};
 
@@ -16,8 +18,8 @@ const HEADER: usize = 80;
 /// Number of bytes per triangle: a normal, three corners, and two bytes of attributes.
 const TRIANGLE: usize = 50;
 
-/// Reads a text or binary file. A file counts as binary if its length fits the number of triangles in a binary header,
-/// even if it starts with "solid".
+/// Reads a text or binary file. A file is treated as binary if its length fits the number of triangles in a binary
+/// header, even if it starts with "solid".
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let frame = stated(bytes.get(..HEADER).unwrap_or(bytes));
     let text = bytes.trim_ascii_start().starts_with(b"solid");

@@ -8,18 +8,18 @@ use super::spec::FormatSpec;
 use super::text::{lines, number};
 use crate::mesh::Signal;
 
-/// Reads a table like [`read_columns`], without the facts about its columns.
+/// Reads a table as [`read_columns`] does, but returns only the signal, without the facts about the table's columns.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     Ok(read_columns(bytes, separator)?.0)
 }
 
 /// Reads a table with cells separated by `separator`, and facts about its columns. The first line is treated as column
-/// names if one of its cells isn't a number. Columns that only count the rows are left out, see [`counts_rows`].
+/// names if one of its cells isn't a number. Columns with row numbers are left out, see [`counts_rows`].
 pub(super) fn read_columns(bytes: &[u8], separator: u8) -> Result<(Signal, Columns), Flaw> {
     let mut signal = all_columns(bytes, separator)?;
     let mut names = names(bytes, separator);
     let mut index = Vec::new();
-    // From last to first, because leaving out a column moves those after it.
+    // Columns are visited from last to first, because leaving out a column shifts the columns after it.
     for column in (0..names.len()).rev() {
         if is_index(&names[column]) && counts_rows(&signal, column, &names[column])? {
             signal = without_column(signal, column);
@@ -37,7 +37,8 @@ pub(super) fn read_columns(bytes: &[u8], separator: u8) -> Result<(Signal, Colum
 fn all_columns(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
-    // Whether each column has a number, which may be NaN, and the number of blank lines since the last row.
+    // `has_number` states for each column whether it has a number, which may be NaN. `blank` is the number of blank
+    // lines since the last row.
     let (mut has_number, mut blank): (Vec<bool>, usize) = (Vec::new(), 0);
     for (at, line) in lines(bytes) {
         if is_blank(line, separator) {
@@ -80,8 +81,8 @@ fn all_columns(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
 }
 
-/// Returns a possible reason for the surplus values of a row, or an empty string. `is_first` says whether this is the
-/// first row after the names.
+/// Returns a possible reason for the surplus values of a row, or an empty string. `is_first` states whether the row is
+/// the first one after the names.
 fn hint(line: &[u8], separator: u8, surplus: usize, is_first: bool) -> &'static str {
     let has_points = line.contains(&b'.');
     match surplus {
@@ -96,7 +97,8 @@ fn first_row(bytes: &[u8], separator: u8) -> Option<&[u8]> {
     lines(bytes).map(|(_, line)| line).find(|line| !is_blank(line, separator))
 }
 
-/// Returns whether a line has no cells. Tabs that separate cells count, although they are white space.
+/// Returns whether a line has no cells. If tabs separate the cells, a line of tabs has cells, although tabs are white
+/// space.
 fn is_blank(line: &[u8], separator: u8) -> bool {
     line.trim_ascii().is_empty() && !line.contains(&separator)
 }
@@ -105,18 +107,20 @@ fn cells(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
     line.split(move |&b| b == separator).map(<[u8]>::trim_ascii)
 }
 
-/// Returns a cell without quotation marks. R puts the numbers of rows in them, and pandas an empty cell that is alone.
+/// Removes the quotation marks around a cell. R puts quotation marks around row numbers, and pandas puts them around an
+/// empty cell that is alone in its row.
 fn unquoted(cell: &[u8]) -> &[u8] {
     cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\"")).unwrap_or(cell)
 }
 
-/// Returns whether a cell stands for a missing value: it is empty, or has R's or a spreadsheet's mark.
+/// Returns whether a cell denotes a missing value: it is empty, or contains the mark for missing values of R or of a
+/// spreadsheet program.
 fn is_missing(cell: &[u8]) -> bool {
     [&b""[..], b"NA", b"N/A", b"#N/A"].iter().any(|mark| cell.eq_ignore_ascii_case(mark))
 }
 
-/// Returns whether the first line of a table has column names: a cell is neither a number nor a missing value. If the
-/// first cell is empty, it is the name of an index.
+/// Returns whether the first line of a table has column names. This is the case if a cell is neither a number nor a
+/// missing value, or if the first cell is empty, because an empty name is that of an index column.
 fn is_header(line: &[u8], separator: u8) -> bool {
     let is_value = |cell: &[u8]| number::<f64>(cell).is_some() || is_missing(cell);
     cells(line, separator).next().is_some_and(<[u8]>::is_empty) || !cells(line, separator).all(is_value)
@@ -129,22 +133,23 @@ fn names(bytes: &[u8], separator: u8) -> Vec<String> {
     cells(line, separator).map(name).collect()
 }
 
-/// Returns whether a column's name is usual for numbers of rows. Pandas and R leave the name empty, and pandas reads an
-/// empty name as `Unnamed: 0`.
+/// Returns whether a column's name is usual for a column of row numbers. Pandas and R leave this name empty, and pandas
+/// reads an empty name as `Unnamed: 0`.
 fn is_index(name: &str) -> bool {
     names_vertices(name)
         || ["index", "id", ""].contains(&name.to_lowercase().as_str())
         || name.to_lowercase().starts_with("unnamed: ")
 }
 
-/// Returns whether a column's name says that its values are the numbers of vertices.
+/// Returns whether a column's name states that its values are vertex numbers.
 fn names_vertices(name: &str) -> bool {
     let name = name.to_lowercase().replace([' ', '_', '-', '.'], "");
     ["vertex", "vertexid", "vertexindex", "vertexno", "vertexnumber", "vno"].contains(&name.as_str())
 }
 
-/// Returns whether the cells of the column at an index, named `name`, count the rows from 0 or 1. The column is refused
-/// if it names vertices but has other values, or only has the numbers in another order. The only column never counts.
+/// Returns whether the values of a column are the row numbers, counted from 0 or 1. Returns an error if the values are
+/// the row numbers in another order, or if `name` states vertex numbers but the values aren't row numbers. Returns
+/// `false` if the table has only one column.
 fn counts_rows(signal: &Signal, column: usize, name: &str) -> Result<bool, Flaw> {
     if signal.channels < 2 {
         return Ok(false);
@@ -178,13 +183,13 @@ fn without_column(signal: Signal, column: usize) -> Signal {
 pub(crate) struct Columns {
     /// Names of the columns of values; empty if the table has no header.
     pub(crate) names: Vec<String>,
-    /// Names of the columns that were left out because they count the rows.
+    /// Names of the columns that were left out because they have row numbers.
     pub(crate) index: Vec<String>,
-    /// First row of a table whose two columns may be numbers with decimal commas.
+    /// First row of a table whose two columns may be one column of numbers with decimal commas.
     pub(crate) decimal_commas: Option<String>,
 }
 
-/// Returns the separator of the cells if a format is that of tables.
+/// Returns the separator of the cells if a format is a table format.
 pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
     match format.endings {
         [".csv"] => Some(b','),
@@ -193,10 +198,10 @@ pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
     }
 }
 
-/// Returns the first row of a table of two columns whose cells look like the digits before and after a decimal comma,
-/// such as `2,5000`: whole numbers, of which those of the second column have a leading zero somewhere, or all have the
-/// same length of at least [`DECIMALS`]. If those of the first column have such a length, too, the columns are two
-/// channels.
+/// Returns the first row of a table of two columns if the cells of a row look like the digits before and after a
+/// decimal comma, as in `2,5000`. All cells must be whole numbers. In the second column, a number must have a leading
+/// zero, or all numbers must have the same length, which is at least [`DECIMALS`]. Returns `None` if all numbers of the
+/// first column have the same length of at least [`DECIMALS`], too, because the columns are then two channels.
 fn decimal_commas(bytes: &[u8]) -> Option<String> {
     let (mut zero, mut same, mut lengths) = (false, [true; 2], None);
     for (_, line) in lines(bytes).filter(|(_, line)| !is_blank(line, b',')) {
@@ -217,7 +222,7 @@ fn decimal_commas(bytes: &[u8]) -> Option<String> {
     first.filter(|_| !channel && (zero || long))
 }
 
-/// Length from which whole numbers of one length are taken for decimals.
+/// Whole numbers of equal length may be the digits after a decimal comma if they have at least this number of digits.
 const DECIMALS: usize = 3;
 
 /// Writes values in digits that read back exactly, without column names.
@@ -252,7 +257,7 @@ mod tests {
         ] {
             assert_eq!(read(text.as_bytes(), b',').unwrap(), Signal::new(vec![5.0, 7.0], 2, 1), "{text}");
         }
-        // A region's id is a value.
+        // A column `id` whose values aren't row numbers, such as ids of regions, is a channel.
         assert_eq!(read(b"id,a\n9,5\n9,7\n", b',').unwrap().channels, 2);
         assert_eq!(read(b"id\n0\n1\n", b',').unwrap().channels, 1);
     }
@@ -269,7 +274,8 @@ mod tests {
             assert_eq!(columns.names, ["a"], "{text}");
             assert_eq!(columns.index, left_out, "{text}");
         }
-        // The first of two such names may be that of values.
+        // Both names are usual for row numbers, but only the second column has row numbers. The first column is kept as
+        // values.
         let (signal, columns) = read_columns(b"id,vertex\n9,0\n9,1\n", b',').unwrap();
         assert_eq!(signal.values, [9.0, 9.0]);
         assert_eq!(columns.names, ["id"]);

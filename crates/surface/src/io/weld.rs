@@ -51,10 +51,10 @@ impl Welder {
     }
 }
 
-/// Merges the vertices of a mesh that lie at equal positions. Of the vertices at the same position, the first keeps its
-/// place in the order. A mesh without equal positions is unchanged.
+/// Merges the vertices of a mesh that lie at equal positions. The first of several vertices at the same position keeps
+/// its place in the order. A mesh without equal positions is unchanged.
 ///
-/// Triangles are kept even if two of their corners become the same vertex, as when STL is read. Indices must be in
+/// Triangles are kept even if two of their corners become the same vertex, as in the reader of STL. Indices must be in
 /// range.
 pub(super) fn welded(mesh: Mesh) -> Result<Mesh, Flaw> {
     // The 72 bytes per vertex are for a position, its key, its number and the unused entries of the table.

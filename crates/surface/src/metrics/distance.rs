@@ -8,8 +8,8 @@
 //!
 //! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
 //! Their centroids are the sample points and their areas the weights, so that mean and root mean square are integrals
-//! over the surface, computed by the midpoint rule. For the largest distance, the vertices are used as well, since
-//! peaks occur there. The method uses no random numbers.
+//! over the surface, computed by the midpoint rule. The largest distance is also measured at the vertices, because
+//! peaks occur at vertices. The method uses no random numbers.
 //!
 //! # Error bound
 //!
@@ -109,7 +109,7 @@ pub struct SurfaceDistance {
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 pub fn surface_distance(
     first: &Mesh,
     second: &Mesh,
@@ -120,9 +120,9 @@ pub fn surface_distance(
 }
 
 /// Returns the distances between two surfaces with the same triangles, measured only at the vertices that a mask keeps
-/// and in the triangles between them. From these points of each surface, distances are measured to the whole of the
-/// other surface. Without a mask, the function equals [`surface_distance`]. `scale` is computed from the whole of the
-/// first surface.
+/// and in the triangles between them. From these points of each surface, distances are measured to the complete other
+/// surface. Without a mask, the result is that of [`surface_distance`]. `scale` is computed from the complete first
+/// surface.
 ///
 /// # Errors
 ///
@@ -131,7 +131,7 @@ pub fn surface_distance(
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 pub fn surface_distance_at(
     first: &Mesh,
     second: &Mesh,
@@ -152,7 +152,8 @@ pub fn surface_distance_at(
     let back = Samples::towards(from_second, &TriangleTree::new(first), f64::INFINITY, params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
-    // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change the result.
+    // A sum of two terms doesn't depend on the order of the terms, so exchanging the surfaces doesn't change the
+    // result.
     let mean = (there.area * forward.mean + back.area * backward.mean) / area;
     let square = (there.area * forward.rms * forward.rms + back.area * backward.rms * backward.rms) / area;
     let bound = forward.spacing.max(backward.spacing) * (2.0 / 3.0);
@@ -181,7 +182,7 @@ pub struct FarSample {
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 pub fn directed_distance(
     from: &Mesh,
     to: &TriangleTree,
@@ -248,14 +249,14 @@ impl SurfaceDistance {
 
 /// Returns the number of bytes that [`surface_distance`] needs in addition to the surfaces.
 ///
-/// Per triangle these are 250 for the search tree of one surface while it is built, and 120 for the division into
-/// pieces. Per sample point or vertex these are 136, for the position (two copies while positions are collected), the
-/// distance, and the pair of distance and area (two copies while pairs are sorted). The number of points is computed
-/// exactly.
+/// Each triangle needs 250 bytes for the search tree of one surface while the tree is built, and 120 bytes for the
+/// division into pieces. Each sample point or vertex needs 136 bytes: for its position (two copies while positions are
+/// collected), its distance, and its pair of distance and area (two copies while pairs are sorted). The number of
+/// points is computed exactly.
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDistanceParams) -> u64 {
     const BYTES_PER_TRIANGLE: u64 = 370;

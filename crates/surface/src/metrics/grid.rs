@@ -5,7 +5,7 @@ use crate::mesh::Mesh;
 
 /// The division of a mesh's triangles into pieces of similar size, each with a sample point.
 pub(super) struct Grid {
-    /// The corners of each triangle, and the number of pieces along an edge.
+    /// The corners of each triangle, and the number of pieces along each of its edges.
     pub(super) triangles: Vec<([Vec3; 3], u32)>,
     pub(super) areas: Vec<f64>,
     pub(super) area: f64,
@@ -33,7 +33,7 @@ impl Grid {
         let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
         let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();
         let most = (wanted.max(mesh.faces.len()) as u64).saturating_mul(8);
-        // Slivers have long edges and hardly any area, so they can need too many points. For a surface without area,
+        // Slivers have long edges and almost no area, so they can need too many points. For a surface without area,
         // `is_normal` ends the loop.
         while step.is_normal() && count(step) > most {
             step *= std::f64::consts::SQRT_2;

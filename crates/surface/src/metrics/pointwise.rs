@@ -11,8 +11,8 @@ use crate::nearest::TriangleTree;
 use crate::range::{exponent, scale_all, scaled_points};
 use crate::topology::different_triangles;
 
-/// Returns whether two meshes have the same number of vertices and the same triangles, in any order. Their vertices
-/// then correspond.
+/// Returns whether two meshes have the same number of vertices and the same triangles, in any order. In this case,
+/// their vertices correspond.
 #[must_use]
 pub fn correspond(a: &Mesh, b: &Mesh) -> bool {
     a.vertices.len() == b.vertices.len() && different_triangles(&a.faces, &b.faces) == 0
@@ -44,7 +44,7 @@ pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> R
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 pub fn distances_to_surface(
     surface: &Mesh,
     points: &[[f64; 3]],
@@ -81,8 +81,8 @@ pub(super) fn nearest_distances(
     none: impl Fn(Vec3) -> SurfaceError + Sync,
     monitor: &dyn Monitor,
 ) -> Result<Vec<f64>, SurfaceError> {
-    /// Number of points between checks of the monitor. It is small because a point in the middle of a sphere is equally
-    /// near to all triangles and takes milliseconds.
+    /// Number of points between checks of the monitor. The number is small, because the search takes milliseconds for a
+    /// point in the middle of a sphere, which is equally near to all triangles.
     const CHUNK: usize = 16;
     /// Number of points that are searched one after another. Each search starts from the triangle nearest to the
     /// previous point, since consecutive points are mostly close. If several triangles are equally near up to rounding,

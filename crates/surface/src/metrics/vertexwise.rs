@@ -33,8 +33,8 @@ pub struct Distances {
     pub scale: f64,
 }
 
-/// Returns (dx dy dz)^(1/3), with dx, dy, dz the extents of the axis-aligned bounding box. Coordinates divided by it
-/// have a bounding box of volume 1.
+/// Returns (dx dy dz)^(1/3), with dx, dy, dz the extents of the axis-aligned bounding box. Coordinates divided by this
+/// scale have a bounding box of volume 1.
 ///
 /// # Errors
 ///

@@ -13,20 +13,22 @@ use crate::similarity::Similarity;
 /// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
 /// and 0.82 to 0.89 for hippocampi of the other side.
 pub const NEARER_MIRRORED: f64 = 0.94;
-/// Number of steps by which a mirror image, or a turned member, moves towards the others.
+/// Number of steps by which a mirror image, or a member after a half-turn, moves towards the other members.
 const CHANGED_STEPS: usize = 3;
-/// A member is turned if its distance from the others then decreases by more than this factor.
+/// A half-turn is applied to a member if it reduces the member's distance from the others by more than this factor.
 const MUCH_NEARER: f64 = 1.5;
-/// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
-/// its mirror image and is turned.
+/// If a member fits the others after a half-turn about as well as after a reflection, the member equals its mirror
+/// image, and its pose is wrong by a half-turn. The distance after the half-turn may be up to this multiple of the
+/// distance after the reflection.
 const TURNED: f64 = 1.03;
 
 impl Group<'_> {
-    /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
+    /// Returns warnings for members whose mirror images are nearer to the others. Each member is reflected in the three
     /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
-    /// its mirror image may fit better as a mirror image only because its pose is wrong; then a half-turn about one of
-    /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
-    /// can't tell the sides apart, so mean distances are compared.
+    /// its mirror image may fit better after a reflection only because its pose is wrong. In this case, it also fits
+    /// after a half-turn about one of the axes, and the warning reports a doubtful pose. In a group with members of
+    /// both body sides, the median distance from the others can't distinguish the sides. Root mean square distances are
+    /// therefore compared.
     pub(super) fn mirrored(
         &self,
         motions: &[Similarity],
@@ -49,9 +51,9 @@ impl Group<'_> {
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is
-    /// one. The distance from the typical member alone may not show it, for example if the members' sizes differ
-    /// greatly.
+    /// Applies to each member, except the typical one, the half-turn that brings the member much nearer to the others,
+    /// if such a half-turn exists. The distance from the typical member alone may not reveal a wrong pose, for example
+    /// if the members' sizes differ greatly.
     pub(super) fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
         let (_, half_turns) = self.changes(motions, template);
         let one = |member: usize| -> Result<Similarity, Interrupted> {
@@ -66,7 +68,7 @@ impl Group<'_> {
         found.into_iter().collect()
     }
 
-    /// Returns the reflections and the half-turns that keep the typical member's principal axes.
+    /// Returns the reflections and the half-turns that map each principal axis of the typical member to itself.
     fn changes(&self, motions: &[Similarity], template: usize) -> ([Similarity; 4], [Similarity; 3]) {
         let typical = &self.surfaces[template];
         let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));

@@ -1,11 +1,12 @@
-//! Computes a finite set of rotations such that every rotation is near to one in the set.
+//! Computes a finite set of rotations such that every rotation is near a rotation in the set.
 //!
 //! As quaternions, the 60 rotations of an icosahedron are the vertices of the 600-cell (J. Conway and D. Smith, "On
-//! Quaternions and Octonions", 2003, chapter 3), so every rotation is within 44.5 degrees of one of the 60. The Voronoi
-//! cell of each of them is filled by combining it with the same small rotations, whose rotation vectors are the points
-//! of a body-centred lattice. This gives 3,900 rotations; every rotation is within 14 degrees of one of them. They
-//! include the half turns about the three axes and the cyclic permutations of the axes. The other rotations of a cube
-//! are added, because they map principal axes onto each other.
+//! Quaternions and Octonions", 2003, chapter 3), so every rotation is within 44.5 degrees of one of the 60. To fill the
+//! Voronoi cell of each of these 60 rotations, the rotation is combined with a fixed set of small rotations. The
+//! rotation vectors of the small rotations are the points of a body-centred lattice. The result is 3,900 rotations, and
+//! every rotation is within 14 degrees of one of these. The set includes the half turns about the three axes and the
+//! cyclic permutations of the axes. The other rotations of a cube are added, because they map principal axes onto each
+//! other.
 
 use crate::geometry::dot;
 use crate::matrix3::{Matrix3, angle_between, exponential, of_quaternion, product};
@@ -16,7 +17,7 @@ const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 /// Side of the cubes of the lattice of rotation vectors, in radians.
 const SIDE: f64 = 0.33;
 
-/// Returns the set of rotations. The rotations of a cube come first.
+/// Returns a set of rotations such that every rotation is near one of them. The rotations of a cube come first.
 pub(super) fn covering() -> Vec<Matrix3> {
     let group = group();
     let (cube, icosahedron) = group.split_at(CUBE);
@@ -27,8 +28,8 @@ pub(super) fn covering() -> Vec<Matrix3> {
     for point in lattice.flat_map(|p| [p.map(f64::from), p.map(|v| f64::from(v) + 0.5)]) {
         let turn = exponential(point.map(|v| SIDE * v));
         let angle = dot(point, point).sqrt() * SIDE;
-        // Tests whether the small rotation lies in the cell of the identity. The identity is excluded, since it is
-        // already in the list.
+        // Tests whether the small rotation `turn` is at least as near to the identity as to any other rotation of the
+        // icosahedron. A zero rotation is excluded, because its products are already in the list.
         let own = icosahedron.iter().skip(1).all(|other| angle_between(other, &turn) >= angle);
         if angle > 0.0 && angle < std::f64::consts::FRAC_PI_4 && own {
             all.extend(icosahedron.iter().map(|rotation| product(rotation, &turn)));

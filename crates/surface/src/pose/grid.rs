@@ -24,12 +24,13 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Builds the table of a level, which must have at most 65,536 points. `axes` is a rotation, by rows.
+    /// Builds the table of nearest points from the points of a level, at most 65,536. `axes` has the axes of the
+    /// table's box in its rows.
     pub(super) fn new(level: &Level, axes: &Matrix3) -> Self {
         let (low, high) = crate::geometry::bounds(level.points.iter().map(|p| times(axes, *p)));
         let sides = sub(high, low);
         let volume = |side: f64| sides.iter().map(|s| s / side + 2.0 * MARGIN).product::<f64>();
-        // Bisection for the cell size at which the box with its margin has the wanted number of cells.
+        // Bisection finds the cell size at which the box with its margin has the wanted number of cells.
         let longest = sides.iter().fold(0.0_f64, |most, s| most.max(*s));
         let (mut small, mut large) = (1e-6 * longest, longest);
         for _ in 0..50 {
@@ -77,7 +78,7 @@ mod tests {
             assert!(to(surface.grid.nearest(p)) < to(level.nearest(p)) + 2.0 * level.radius, "{p:?}");
         }
         assert!(surface.grid.nearest.len() < 40_000);
-        // Positions far away get a point, too.
+        // A nearest point is also found for positions far away.
         for far in [[1e9, 0.0, 0.0], [-1e300, 1e300, 0.0], [f64::INFINITY, 0.0, 0.0]] {
             assert!(surface.grid.nearest(far) < level.points.len());
         }

@@ -1,14 +1,15 @@
 //! Aligns a group of surfaces.
 //!
 //! First, all members are aligned to the most typical member: the one whose lengths along the principal axes have the
-//! least total distance from the others'. If in the resulting poses another member is nearer to all others, all members
-//! are then aligned to that one. A member with two nearly equally good poses gets the pose in which it is nearer to the
-//! other members. This choice is repeated until no pose changes, because the ends of a nearly symmetric body may differ
-//! by so little that only members in the right pose reveal the difference. Finally, each member moves towards all
-//! others, or towards [`OTHERS`] of them, at once. No mean surface is computed, since it would have no member's shape.
-//! As in a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975), the distances between the members
-//! decrease, with nearest points in place of corresponding points. Distances are weighted such that a part that only
-//! some members have doesn't rotate these members. The group keeps the position of the typical member.
+//! least total distance from those of the other members. If another member is nearer to the others in the resulting
+//! poses, all members are aligned to that member instead. A member with two nearly equally good poses gets the pose in
+//! which it is nearer to the other members. This choice is repeated until no pose changes, because the ends of a nearly
+//! symmetric body may differ by so little that only members in the right pose reveal the difference. Finally, each
+//! member moves towards all others, or towards [`OTHERS`] of them, at once. No mean surface is computed, since it would
+//! have no member's shape. As in a generalised Procrustes analysis (J. Gower, Psychometrika 40, 1975), the distances
+//! between the members decrease. These distances are those of nearest points instead of corresponding points. Distances
+//! are weighted such that a part that only some members have doesn't rotate these members. The group keeps the position
+//! of the typical member.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -20,21 +21,23 @@ use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
 use crate::similarity::Similarity;
 
-/// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
+/// A member moves towards at most this number of other members at once. In a larger group, these members are evenly
+/// spaced in the list of members.
 pub const OTHERS: usize = 8;
 /// Number of rounds in which all members move towards each other.
 const ROUNDS: usize = 5;
-/// Share of the trimmed area that is excluded in the rounds in which members move towards each other. It is less than
-/// 1, since parts in which members differ most, such as the tips of processes, aren't necessarily outliers. Landmarks
-/// of vertebrae have 1.14 times the residual of a fit to the landmarks themselves; with a share of 1 it would be 1.25.
+/// In the rounds in which members move towards each other, the excluded share of the area is [`PoseParams::trimmed`]
+/// times this factor. The factor is less than 1, since parts in which members differ most, such as the tips of
+/// processes, aren't necessarily outliers. After alignment with this factor, landmarks of vertebrae have 1.14 times the
+/// residual of a fit to the landmarks themselves. With a factor of 1, this ratio would be 1.25.
 const OUTLYING: f64 = 0.25;
 /// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;
-/// Largest number of sweeps in which each member chooses the better of its two poses.
+/// Largest number of sweeps. In a sweep, each member with two nearly equally good poses chooses the better one.
 const SWEEPS: usize = 10;
 /// A pose is doubtful if the distance in the second-best pose is below this multiple of the distance in the best pose.
 pub const DOUBTFUL: f64 = 1.1;
-/// A member counts as an outlier (such as a surface of another kind) if its distance from the others exceeds this
+/// A member is treated as an outlier (such as a surface of another kind) if its distance from the others exceeds this
 /// multiple of the median over the members.
 pub const OF_ANOTHER_KIND: f64 = 3.0;
 
@@ -44,9 +47,9 @@ pub struct GroupPoses {
     /// For each surface, the map from its own frame to the group's frame.
     pub similarities: Vec<Similarity>,
     /// For each surface, the pose at the template's size, if size explains the differences in the group; see the module
-    /// `sizes`. `None` for the template, and for surfaces that are much nearer to it at their own sizes.
+    /// `sizes`. `None` for the template, and for surfaces that are much nearer to the template at their own sizes.
     pub at_one_size: Vec<Option<Similarity>>,
-    /// Index of the most typical surface, counted from 0. The group keeps its position.
+    /// Index of the most typical surface, counted from 0. The group keeps the position of this surface.
     pub template: usize,
     /// For each member, the median of its distances from the others, as defined by [`Pose::distance`], in the group's
     /// unit.
@@ -75,8 +78,9 @@ pub fn group_poses(
     }
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
     let mut found = Group { surfaces, params, monitor }.aligned(params.scale)?;
-    // If size explains the differences of half of the others from the typical member, the group is aligned at one size.
-    // At their own sizes, such bodies have wrong poses that are nearly as good as the right ones.
+    // If size explains the difference from the typical member for at least half of the other members, the group is
+    // aligned at one size. The reason is that bodies that differ in size, compared at their own sizes, have wrong poses
+    // that are nearly as good as the right ones.
     let explained = found.at_one_size.iter().flatten().count();
     if 2 * explained >= count - 1 && explained > 0 {
         let scaling = PoseParams { scale: true, ..*params };
@@ -96,8 +100,8 @@ pub(super) struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// Aligns the members to the most typical one and to each other. If `common` is set, they are scaled from the
-    /// typical member's size to the geometric mean of the sizes.
+    /// Aligns the members to the most typical one and to each other. If `common` is set, the members are then scaled
+    /// from the typical member's size to the geometric mean of all sizes.
     fn aligned(&self, common: bool) -> Result<GroupPoses, Interrupted> {
         let Self { surfaces, params, .. } = *self;
         let (group, count) = (self, surfaces.len());
@@ -148,7 +152,7 @@ impl Group<'_> {
             }
         }
         // An outlier has no right pose, so other warnings about it are dropped, unless another pose or the mirror image
-        // is the explanation.
+        // explains its distance from the others.
         others.retain(|warning| warning.explains_distance() || !far.contains(&warning.member()));
         let explained: Vec<usize> =
             others.iter().filter(|of| of.explains_distance()).map(GroupPoseWarning::member).collect();
@@ -242,9 +246,9 @@ impl Group<'_> {
         median(others.par_iter().map(distance).collect())
     }
 
-    /// Returns the mean squared distance of a member in a given pose from at most `most` others in their poses. Nothing
-    /// is trimmed, because the part in which two ends of a body differ may be as small as the trimmed share. Distances
-    /// are capped at twice their median, to limit the effect of surfaces of other kinds.
+    /// Returns the mean squared distance of a member in a given pose from at most `most` other members in their poses.
+    /// No distances are trimmed, because the part in which two ends of a body differ may be as small as the trimmed
+    /// share. Distances are capped at twice their median, to limit the effect of surfaces of other kinds.
     pub(super) fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
@@ -302,8 +306,8 @@ impl Group<'_> {
         icp::step_to_all(self.surfaces[member].view(Density::Some), others, motion, &rounds)
     }
 
-    /// Returns the points and poses of the other members that a member is compared with, and for which `chosen` is
-    /// true.
+    /// Selects, from the members with which `member` is compared, those for which `chosen` is true. Returns their
+    /// points and poses.
     pub(super) fn seen(
         &self,
         member: usize,
@@ -325,12 +329,12 @@ impl Group<'_> {
     }
 }
 
-/// Returns the index of the smallest number; the first one in case of ties.
+/// Returns the index of the smallest number. In case of ties, this is the first one.
 fn least(numbers: &[f64]) -> usize {
     (1..numbers.len()).fold(0, |least, i| if numbers[i] < numbers[least] { i } else { least })
 }
 
-/// Returns the median of one or more numbers; of two middle numbers, the larger one.
+/// Returns the median of one or more numbers. For an even count, this is the larger of the two middle numbers.
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]

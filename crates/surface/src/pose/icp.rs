@@ -1,17 +1,18 @@
 //! Improves a motion by iterative closest points, in both directions.
 //!
 //! Let x = scale Q p + t for a point p of the moving surface, and let q be its partner on the fixed surface. n is the
-//! normal at the point that was found as the nearest one: at q, or at p and then rotated by Q. A round minimises
+//! normal at the point of the pair that was found by searching for the nearest point. The normal at p is rotated by Q.
+//! A round minimises
 //!
 //! ```text
 //! sum_pairs (n . (x - q))^2 + tangential |x - q|^2
 //! ```
 //!
 //! over small motions by one Gauss-Newton step. The first term is the point-to-plane distance (Y. Chen and G. Medioni,
-//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a
-//! small weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). It determines motions
-//! that the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of all
-//! distances are excluded from a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
+//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a small
+//! weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). The second term determines
+//! motions that the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of
+//! all distances are excluded from a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
 //! The distance of a pair is measured to a disk: each point represents a piece of the surface that extends along the
 //! tangent plane by the point's radius. Therefore 256 points suffice to measure distances far below the points'
@@ -27,7 +28,8 @@ use crate::similarity::Similarity;
 /// Largest rotation of one step, in radians. Steps must be small, since they are computed to first order.
 const LARGEST_TURN: f64 = 0.6;
 
-/// Distance at which a pair has half its weight in a step towards several surfaces, relative to the median distance.
+/// In a step towards several surfaces, a pair whose distance is this multiple of the pairs' median distance has half of
+/// the full weight.
 const HALF: f64 = 1.5;
 
 /// Settings for the rounds that [`improved`] and [`step_to_all`] run.
@@ -47,19 +49,19 @@ pub(super) struct Rounds {
     pub(super) scale: bool,
 }
 
-/// A pair of points, positioned by a motion.
+/// A point of the moving surface, after a motion, and the point of the fixed surface paired with it.
 struct Pair {
     /// The point on the moving surface.
     place: Vec3,
     /// The vector from the fixed surface's point to the moving surface's point.
     off: Vec3,
-    /// The unit normal at the point of the pair that was found by searching for the nearest point.
+    /// The unit normal at one of the pair's two points: at the point that was found as the nearest to the other.
     normal: Vec3,
     /// The squared distance of the pair.
     square: f64,
 }
 
-/// Returns a motion improved by rounds, starting from `start`.
+/// Improves the motion `start` by rounds of the closest-point iteration, and returns the improved motion.
 pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rounds: &Rounds) -> Similarity {
     let mut motion = start;
     let mut pairs = Vec::new();
@@ -191,7 +193,8 @@ struct Equations {
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     right: [f64; UNKNOWNS],
     /// Weighted sums over pairs of a a^T (`arms`), off (`offs`), a x off (`turns`) and a . off (`growth`), where a is
-    /// the vector from the centre to the point. The centre is the weighted mean of the points, so the sum of a is zero.
+    /// the vector from the centre to the pair's point `place` and off is the pair's vector `off` (see [`Pair`]). The
+    /// centre is the weighted mean of the points, so the sum of a is zero.
     arms: Matrix3,
     offs: Vec3,
     turns: Vec3,
@@ -238,8 +241,8 @@ impl Equations {
         self.growth += dot(arm, weighted_off);
     }
 
-    /// Adds the point-to-point terms, multiplied by a weight. A point is equivalent to three planes with the axes as
-    /// normals.
+    /// Adds the point-to-point terms, multiplied by a weight. A point-to-point term equals the sum of three
+    /// point-to-plane terms with the axes as normals.
     fn with_points(mut self, weight: f64) -> Self {
         let square = self.spread();
         for i in 0..3 {

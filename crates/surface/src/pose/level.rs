@@ -1,4 +1,4 @@
-//! Represents a surface by points that each stand for a disk of its area, and finds the point nearest to a position.
+//! Represents a surface by points, each with a disk of the surface's area, and finds the point nearest to a position.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 

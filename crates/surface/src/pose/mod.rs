@@ -1,25 +1,26 @@
-//! Finds the motion that brings one surface onto another, from the surfaces alone.
+//! Finds the motion that brings one surface onto another. Only the two surfaces are used.
 //!
-//! A pose based on distances at equal directions would depend on how each surface was mapped to the sphere. Here only
-//! the surfaces matter, which can have any topology and triangles. With d the distance of a point from the other
-//! surface, the pose minimises
+//! A pose based on distances between points of equal direction would depend on the mapping of each surface to the
+//! sphere. The pose found here depends only on the surfaces, which can have any topology and triangles. With d the
+//! distance of a point from the other surface, the pose minimises
 //!
 //! ```text
 //! distance^2 = mean of the least 1 - trimmed of { d(x_i, B)^2, d(y_j, A)^2 },   x_i on A, y_j on B
 //! ```
 //!
 //! over points that are spread evenly over the area. This function has many local minima, so the search starts from a
-//! set of 3,900 rotations that covers all rotations. They are relative to both surfaces' principal axes, so the result
-//! doesn't depend on a surface's initial pose. All are evaluated with 256 points of each surface. The best 32 that
-//! differ by at least 15 degrees are improved by nearest points in both directions, then the best 6 of the results
-//! with 1,024 points, and the best 2 of these with 4,096 points. `trimmed` is the share of the area that is excluded
-//! because it may have no counterpart, such as a process that is cut off on one surface.
+//! set of 3,900 rotations that covers all rotations. The rotations are relative to both surfaces' principal axes, so
+//! the result doesn't depend on a surface's initial pose. All rotations are evaluated with 256 points of each surface.
+//! The best 32 rotations that differ by at least 15 degrees are improved by iterative closest points in both
+//! directions. The best 6 of the results are improved further with 1,024 points, and the best 2 of these with 4,096
+//! points. `trimmed` is the share of the area that is excluded because it may have no counterpart, such as a process
+//! that is cut off on one surface.
 //!
 //! Symmetric and nearly symmetric surfaces have several poses that are equally or nearly equally good; see
 //! [`Pose::second`].
 //!
 //! If the surfaces are already the right way round, such as scans in one coordinate system, [`PoseSearch::Near`] only
-//! improves the given poses. A body that looks nearly the same after a half turn then stays as it is.
+//! improves the given poses. In this case, a body that looks nearly the same after a half turn isn't turned.
 //!
 //! The result is bitwise the same for any number of threads.
 
@@ -56,8 +57,8 @@ pub enum PoseSearch {
     /// All rotations: the surfaces may have any poses.
     #[default]
     Any,
-    /// The given poses, also with one centre moved onto the other: the surfaces are already the right way round. If
-    /// mirror images are allowed, also the mirror image (x to -x).
+    /// A few poses, for surfaces that are already the right way round: the given pose, the given pose with coinciding
+    /// centres and, if mirror images are allowed, the mirror image (x to -x).
     Near,
 }
 
@@ -85,24 +86,26 @@ impl Default for PoseParams {
 pub struct Pose {
     /// The motion of the best pose.
     pub similarity: Similarity,
-    /// Root mean square distance between the surfaces in the nearest pose at their own sizes, in both directions,
-    /// without the trimmed points, in the fixed surface's unit.
+    /// Root mean square distance between the surfaces in both directions, in the fixed surface's unit. It is the least
+    /// distance found at the surfaces' own sizes. Points that [`PoseParams::trimmed`] excludes are ignored.
     pub distance: f64,
-    /// The distance after the best motion whose rotation differs by more than [`DISTINCT`] from that of the nearest
-    /// pose. Infinite if all starts led to the same optimum, or if only poses near the given one were searched.
+    /// Distance in the second best pose: the best of the poses whose rotations differ from the best pose's rotation by
+    /// more than [`DISTINCT`]. Infinite if all starts led to the same optimum, or if only poses near the given one were
+    /// searched.
     pub second: f64,
-    /// The motion with the distance `second`, if there is one.
+    /// The motion with the distance `second`, if such a motion was found.
     pub other: Option<Similarity>,
     /// The pose at the fixed surface's size, if size explains the difference between the surfaces; see [`at_one_size`].
-    /// `similarity` is then this pose at the moving surface's own size, about the moving surface's centre, and the
-    /// distance after it may be larger than `distance`.
+    /// In this case, `similarity` is this pose with the moving surface scaled back to its own size about its centre.
+    /// The distance after `similarity` may then be larger than `distance`.
     pub at_one_size: Option<ScaledPose>,
 }
 
 impl Pose {
-    /// Returns the distances in this pose and in the second best, if the second is nearly as good, by [`DOUBTFUL`].
-    /// Distances up to `least` count as equal. If size explains the difference between the surfaces, the distances are
-    /// those at one size.
+    /// Returns the distances in this pose and in the second-best pose, if the second-best pose is nearly as good, up to
+    /// the factor [`DOUBTFUL`]. For this comparison, a distance in this pose below `least` is replaced by `least`. If
+    /// size explains the difference between the surfaces, the distances are those after scaling the moving surface to
+    /// the size of the fixed surface.
     #[must_use]
     pub fn doubt(&self, least: f64) -> Option<(f64, f64)> {
         let (distance, second) =
@@ -111,10 +114,10 @@ impl Pose {
     }
 }
 
-/// Angle in radians up to which two rotations count as the same optimum: 15 degrees.
+/// Angle, in radians, up to which two rotations are treated as the same optimum. The angle is 15 degrees.
 pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 
-/// Number of starts that are improved: the rotations of the covering that give the least distances.
+/// The search improves this number of starts: the rotations of the covering with the smallest distances.
 const STARTS: usize = 32;
 
 /// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
@@ -130,19 +133,21 @@ struct Stage {
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Number of best candidates that enter the next stage, ranked with the next stage's points. Of the other
-    /// candidates, the one with the smallest untrimmed distance enters, too.
+    /// Number of candidates that enter the next stage because their distances, measured with the next stage's points,
+    /// are smallest. Of the other candidates, the one with the smallest untrimmed distance enters the next stage, too.
     go_on: usize,
 }
 
-/// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. Within this factor,
-/// few points can't tell which candidate is best; a square rod has eight such candidates.
+/// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. If the distances
+/// differ by less than this factor, measurements with few points can't show which candidate is best. For example, a
+/// square rod has eight such candidates.
 const CANDIDATE: f64 = 1.5;
-/// Trimmed distances within this factor count as equal, and the untrimmed distances then decide.
+/// Trimmed distances within this factor are treated as equal. In this case, the untrimmed distances decide which pose
+/// is better.
 const EQUAL: f64 = 1.03;
 
-// The point-to-point terms (`tangential`) stop surfaces from sliding along each other. With a weight of 0.03 in the
-// first stage, a third of nearly round bodies didn't converge.
+// The point-to-point terms (`tangential`) stop surfaces from sliding along each other. Their weight in the first stage
+// is large, because with a weight of 0.03 a third of nearly round bodies didn't converge.
 const STAGES: [Stage; 3] = [
     Stage { density: Density::Few, rounds: 12, tangential: 0.2, rest: 1e-3, candidates: 24, go_on: 6 },
     Stage { density: Density::Some, rounds: 10, tangential: 2e-3, rest: 1e-4, candidates: 4, go_on: 2 },
@@ -244,8 +249,8 @@ fn near(
     Ok(Pose { similarity, distance: best.1, second: f64::INFINITY, other: None, at_one_size: None })
 }
 
-/// Sorts motions by their untrimmed distances. Two poses may differ only in a part as small as the trimmed share, such
-/// as the knob at one end of a rod.
+/// Sorts motions by their untrimmed distances. Trimmed distances can't distinguish poses that differ only in a part as
+/// small as the trimmed share, such as the knob at one end of a rod.
 fn in_whole_order(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -304,8 +309,8 @@ fn staged(
     Ok(distinct(found.into_iter().collect::<Result<Vec<_>, _>>()?, stage.candidates))
 }
 
-/// Returns the motions that are nearly as good as the best, but at least `least` of them, sorted by their distances as
-/// measured with the points of `density`.
+/// Measures the distance between the surfaces after each motion, with the number of points given by `density`. Returns
+/// the motions that are nearly as good as the best one, and at least `least` motions, sorted by the measured distances.
 fn measured(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -327,7 +332,7 @@ fn measured(
     Ok(found)
 }
 
-/// Returns the best motions that are different optima, sorted by distance, and at most `most` of them.
+/// Returns the best motions that are different optima, at most `most`, sorted by distance.
 fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, f64)> {
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut distinct: Vec<(Similarity, f64)> = Vec::with_capacity(most);
@@ -349,16 +354,17 @@ pub fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
 }
 
-/// Returns the motion with a given rotation that moves one centre onto the other, and scales to one size if this is
-/// allowed.
+/// Returns the motion with a given rotation that moves the centre of `moving` onto the centre of `fixed`. If scaling is
+/// allowed, the motion also scales `moving` to the size of `fixed`.
 fn centred(orthogonal: Matrix3, moving: &PoseSurface, fixed: &PoseSurface, params: &PoseParams) -> Similarity {
     let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
     let translation = sub(fixed.centre, scale(times(&orthogonal, moving.centre), size));
     Similarity { orthogonal, scale: size, translation }
 }
 
-/// Returns the best starts. Each start applies a rotation of the covering between the principal axes of the two
-/// surfaces, and moves one centre onto the other.
+/// Returns the motions from which the search starts: the best of a fixed set of rotations (`covering`). Each rotation
+/// is applied between the principal axes of the two surfaces, and the centre of one surface is moved onto that of the
+/// other.
 fn starts(
     moving: &PoseSurface,
     fixed: &PoseSurface,

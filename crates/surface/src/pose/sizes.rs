@@ -1,10 +1,11 @@
 //! Compares surfaces that differ in size.
 //!
-//! A body fits a larger body of the same shape best where it leans against one side: most of its surface then lies on
-//! the larger one. A body that is 10 % smaller is turned by some 5 degrees, one that is 20 % smaller by 13 to 27. If
-//! scaling removes most of the distance between two surfaces, size explains their difference, and they are aligned at
-//! one size; groups are, if this is so for half of their members. Otherwise poses are those of the surfaces as they
-//! are: a body that is cut off must not be enlarged.
+//! A body fits a larger body of the same shape best if it leans against one side of the larger body, because most of
+//! its surface then lies near the larger surface. In this pose, a body that is 10 % smaller is rotated by about 5
+//! degrees, and a body that is 20 % smaller by 13 to 27 degrees. If scaling removes most of the distance between two
+//! surfaces, size explains their difference, and they are aligned at one size. A group is aligned at one size if size
+//! explains the differences of at least half of its members from the typical member. Otherwise, surfaces are aligned at
+//! their own sizes, because a body that is cut off must not be enlarged.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -17,18 +18,20 @@ use crate::geometry::{scale, sub};
 use crate::matrix3::times;
 use crate::similarity::Similarity;
 
-/// Size explains the difference between two surfaces if scaling reduces their distance to less than this share. For
-/// vertebrae and hippocampi of different people, the share is 0.63 to 0.99.
+/// Size explains the difference between two surfaces if scaling reduces their distance to less than this share of the
+/// distance without scaling. For vertebrae and hippocampi of different people, the share is 0.63 to 0.99.
 const EXPLAINED: f64 = 0.5;
-/// Ratio of sizes above which poses at one size are searched anew. Up to it, they are near the poses at own sizes.
+/// If two surfaces differ in size by more than this factor, all poses at one size are searched. Below this factor, the
+/// best pose at one size is near the pose at the surfaces' own sizes, so the search is skipped if scaling near this
+/// pose doesn't explain the difference.
 const UNLIKE: f64 = 1.1;
-/// Largest number of rounds, with few points, that improve a motion after both surfaces have been scaled to the same
-/// size.
+/// After both surfaces have been scaled to the same size, a motion is improved by at most this number of rounds with
+/// few points.
 const SETTLING: usize = 4;
 
 /// Returns the pose near `motion` that also scales `moving` to the size of `fixed`, if size explains the difference
-/// between the surfaces: if scaling at least halves the distance that they have after `motion`. Returns `None` if this
-/// isn't so, or if poses are computed with [`PoseParams::scale`] anyway.
+/// between the surfaces. This is the case if scaling reduces their distance after `motion` to less than half.
+/// Otherwise, and if poses are computed with [`PoseParams::scale`] anyway, returns `None`.
 #[must_use]
 pub fn at_one_size(
     moving: &PoseSurface,
@@ -48,12 +51,14 @@ pub struct ScaledPose {
     pub similarity: Similarity,
     /// Distance between the surfaces, as for [`Pose`](super::Pose).
     pub distance: f64,
-    /// Distance in the second best pose at one size, as for [`Pose`](super::Pose).
+    /// Distance between the surfaces in the second best pose, if the moving surface is scaled to the size of the fixed
+    /// one; like `second` of [`Pose`](super::Pose).
     pub second: f64,
 }
 
-/// Does the same as [`at_one_size`], but searches all poses at one size if size explains the difference near `motion`,
-/// or if the sizes differ so much that the pose at one size may be far from `motion`.
+/// Returns the pose at one size like [`at_one_size`], but searches all poses, not only those near `motion`. The search
+/// is skipped if size doesn't explain the difference near `motion` and the sizes are similar. If the sizes are very
+/// different, the pose at one size may be far from `motion`.
 pub(super) fn searched_at_one_size(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -80,13 +85,15 @@ pub(super) fn searched_at_one_size(
     Ok((best.distance < EXPLAINED * own).then_some(best))
 }
 
-/// Returns the local optimum at one size that is reached from a motion, and its distance.
+/// Scales `moving` to the size of `fixed`, and improves the pose from `motion` on. Returns the local optimum that is
+/// reached, and the distance of the surfaces there.
 fn settled(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, params: &PoseParams) -> (Similarity, f64) {
     improved(moving, fixed, &of_size(motion, moving, fixed), &PoseParams { scale: true, ..*params })
 }
 
 impl Group<'_> {
-    /// Calls [`searched_at_one_size`] for each member and the member `template`, whose pose is the identity.
+    /// Calls [`searched_at_one_size`] for each member, with the member `template` as the fixed surface. The result for
+    /// the template itself is `None`.
     pub(super) fn at_one_size(
         &self,
         motions: &[Similarity],
@@ -105,9 +112,10 @@ impl Group<'_> {
         found.into_iter().collect()
     }
 
-    /// Returns the poses of a group whose members differ mainly in size, from its poses `scaled` at the template's
+    /// Computes the poses of a group whose members differ mainly in size. `scaled` has the poses at the template's
     /// size. A member that is much nearer to the template at its own size, such as a body that is cut off, is aligned
-    /// at its own size. Warnings are those at one size, and those of members far from the others at their own sizes.
+    /// at its own size. The result has the warnings of `scaled`, and warnings about members that are far from the
+    /// others at their own sizes.
     pub(super) fn at_own_sizes(&self, scaled: GroupPoses) -> Result<GroupPoses, Interrupted> {
         let GroupPoses { similarities, template, mut warnings, .. } = scaled;
         let one = |(member, motion): (usize, &Similarity)| -> Result<(Similarity, Option<Similarity>), Interrupted> {
@@ -141,8 +149,8 @@ impl Group<'_> {
 }
 
 /// Returns the smaller of two untrimmed distances: at the given sizes, and with the moving surface scaled to the size
-/// of the fixed one. Without scaling, a larger body hides the bumps of a smaller one; with scaling, a body that is cut
-/// off would be enlarged.
+/// of the fixed one. Both are measured because either may be misleading: without scaling, a larger body hides the bumps
+/// of a smaller body, and with scaling, a body that is cut off is enlarged.
 pub(super) fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
     let (a, b) = (moving.view(density), fixed.view(density));
     let [as_it_is, of_one_size] =

@@ -1,4 +1,4 @@
-//! Represents a surface by points that each stand for a piece of it, at three densities.
+//! Represents a surface by points at three densities. Each point represents a piece of the surface.
 
 use super::grid::Grid;
 use super::level::Level;
@@ -8,7 +8,8 @@ use crate::matrix3::{Matrix3, determinant, transposed};
 use crate::mesh::Mesh;
 use crate::spread::SpreadPoints;
 
-/// Number of points at each density. The first one is for ranking starts, the last one for the final motion.
+/// Number of points at each density. The first density is for ranking starts, and the last density is for the final
+/// motion.
 const DENSITIES: [usize; 3] = [256, 1024, 4096];
 
 /// A surface prepared for pose searches: points on it, search trees, and principal axes. It takes about 0.5 MB.
@@ -24,7 +25,7 @@ pub struct PoseSurface {
     pub lengths: Vec3,
     /// Area of the surface, in the square of its unit.
     pub area: f64,
-    /// Volume between the surface's triangles and the centre, in the cube of the unit; negative if the surface is
+    /// Volume between the surface's triangles and the centre, in the cube of the unit. It is negative if the surface is
     /// inside out.
     pub volume: f64,
 }
@@ -32,7 +33,8 @@ pub struct PoseSurface {
 /// The number of points that represent a surface in a step of the search.
 #[derive(Clone, Copy)]
 pub(super) enum Density {
-    /// 256 points. A table is used to find the nearest of 1,024 pieces approximately.
+    /// 256 points. For each point, the nearest of the other surface's 1,024 pieces is found approximately, with a
+    /// table.
     Few,
     /// 1,024 points.
     Some,
@@ -50,7 +52,8 @@ pub(super) struct View<'a> {
 }
 
 impl View<'_> {
-    /// Returns the index of the piece nearest to `p`; approximately, if there is a table.
+    /// Returns the index of the surface's piece nearest to `p`, or approximately nearest if this step of the search
+    /// uses a table.
     pub(super) fn nearest(&self, p: Vec3) -> usize {
         self.grid.map_or_else(|| self.pieces.nearest(p), |grid| grid.nearest(p))
     }
@@ -64,7 +67,7 @@ impl PoseSurface {
         let [few, some, all] = DENSITIES;
         let spread = SpreadPoints::new(mesh, all, 0);
         let SpreadPoints { points, normals, .. } = spread;
-        // One point may be missing because of rounding.
+        // Rounding may leave out one point, but more points are missing only if the mesh has no area or isn't finite.
         if points.len() + 1 < all {
             return None;
         }
@@ -112,7 +115,7 @@ impl PoseSurface {
         self.area.sqrt()
     }
 
-    /// Returns the points of the finest density, which are spread evenly over the area, and their normals.
+    /// Returns the points of the densest set, which are spread evenly over the surface's area, and their normals.
     #[must_use]
     pub fn points(&self) -> (&[Vec3], &[Vec3]) {
         (&self.levels[2].points, &self.levels[2].normals)
@@ -164,7 +167,8 @@ mod tests {
         ball.faces = (0..faces).map(|i| ball.faces[i * 7919 % faces]).collect();
         let surface = PoseSurface::new(&ball).unwrap();
         for level in &surface.levels[..2] {
-            // The bound is twice the side of a square with a point's share of the area.
+            // The bound on the distance to the nearest point is twice the side of a square with one point's share of
+            // the area.
             let asked = icosphere(4).vertices;
             let far = asked.iter().map(|v| {
                 let off = sub(level.points[level.nearest(*v)], *v);

@@ -69,8 +69,8 @@ fn what_has_no_counterpart_doesnt_pull() {
 
 #[test]
 fn a_part_smaller_than_what_is_trimmed_still_decides() {
-    // An ellipsoid alone has four equally good poses; a bump on 4 % of its area leaves one. The other surface is 7 %
-    // larger.
+    // An ellipsoid alone has four equally good poses. With a bump on 4 % of its area, only one pose is best. The other
+    // surface is 7 % larger.
     let bumped = |level: u32, size: f64| {
         let ball = icosphere(level);
         let place = |v: &Vec3| {
@@ -120,7 +120,7 @@ fn a_search_near_the_given_pose_turns_nothing_over() {
         assert!(error(&other, &moved, &found.similarity) < 0.1, "{far}: {found:?}");
         assert_eq!((found.second, found.other), (f64::INFINITY, None));
     }
-    // The mirror image of a body without symmetry is matched, and scaled, if this is allowed.
+    // The mirror image of a body without symmetry is matched and scaled if reflections and scaling are allowed.
     let (fixed, other) = (PoseSurface::new(&lump(5)).unwrap(), lump(4));
     let moved = Similarity { scale: 2.0, translation: [3.0, 0.0, 0.0], ..Similarity::reflection() };
     let params = PoseParams { mirror: true, scale: true, ..params };
@@ -128,7 +128,7 @@ fn a_search_near_the_given_pose_turns_nothing_over() {
     assert!(found.similarity.mirrors() && error(&other, &moved, &found.similarity) < 0.1, "{found:?}");
 }
 
-/// A member that is given in another pose can't be matched near it, and is named.
+/// A member whose given pose is wrong can't be matched near this pose, and a warning reports the member.
 #[test]
 fn a_search_near_the_given_poses_names_a_member_that_is_turned() {
     let members: Vec<PoseSurface> = (0..5)
@@ -160,8 +160,8 @@ fn the_number_of_threads_changes_no_bit() {
 
 #[test]
 fn distances_are_those_of_the_surfaces() {
-    // The shells are concentric spheres at distance 1, and a sphere rotated onto itself, so that its points lie
-    // elsewhere on it.
+    // The first test uses two concentric spheres whose radii differ by 1. The second test rotates a sphere, so that its
+    // points move to other positions on the same sphere.
     let shell = |r: f64, level| {
         let ball = icosphere(level);
         PoseSurface::new(&ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| r * x)).collect())).unwrap()
@@ -216,8 +216,8 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert_eq!(far, [5], "{found:?}");
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
-    // The known motion followed by the found one must be the same for all lumps, up to 6 % of their size of 6, since
-    // the lumps differ by 6 %.
+    // The known motion, followed by the motion that was found, must be the same for all lumps. An error of 6 % of their
+    // size of 6 is allowed, because the lumps differ by 6 %.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
     assert!(dot(off, off).sqrt() < 0.36, "{off:?}");
@@ -229,8 +229,8 @@ fn a_group_comes_together_and_strangers_are_named() {
 #[test]
 fn a_bump_that_half_of_a_group_has_turns_no_one() {
     let ball = icosphere(4);
-    // The body is nearly round across its length, so little prevents it from rotating. It is wider at one end and bent,
-    // so that no half turn maps it to itself.
+    // The body's cross-section is nearly round, so little prevents the body from rotating about its length. The body is
+    // wider at one end, and bent, so that no half turn maps it to itself.
     let body = |v: &Vec3, height: f64| {
         let bump = 1.0 + height * (12.0 * (dot(*v, [0.48, 0.64, 0.6]) - 1.0)).exp();
         [(1.0 + 0.2 * v[0]) * 12.0 * v[0], bump * 7.0 * v[1], bump * 6.0 * v[2] + 2.0 * v[0] * v[0]]

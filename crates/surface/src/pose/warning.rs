@@ -4,9 +4,9 @@ mod sides;
 
 use std::fmt;
 
-/// Factor up to which the distances in two poses of a member count as close. If the two best poses are close, the
-/// distances from the other members decide. A member belongs elsewhere if its distance exceeds this multiple of the
-/// distance in its best pose.
+/// The distances in two poses of a member are treated as close if they differ by at most this factor. If the distances
+/// in the two best poses are close, the distances from the other members decide between the poses. The warning
+/// `Elsewhere` is given if a member's distance exceeds this multiple of the distance in its best pose.
 pub const CLOSE: f64 = 1.5;
 
 /// First words of messages about doubtful poses.
@@ -39,7 +39,7 @@ pub enum GroupPoseWarning {
     Elsewhere {
         /// Index of the member, counted from 0.
         member: usize,
-        /// The member's distance from the typical member in the pose near the given one.
+        /// The member's distance from the typical member, in the pose that was found near the given pose.
         distance: f64,
         /// The distance in the best pose.
         best: f64,
@@ -50,7 +50,7 @@ pub enum GroupPoseWarning {
         member: usize,
         /// The member's distance from the others.
         distance: f64,
-        /// The distance of the member's mirror image from the others.
+        /// The distance of the member's mirror image from the other members.
         mirrored: f64,
     },
 }

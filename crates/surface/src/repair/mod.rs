@@ -1,9 +1,9 @@
 //! Repairs common defects of scanned or exported meshes: duplicate vertices, repeated triangles, fins, triangles wound
 //! against their neighbours, parts that touch, unreferenced vertices, loose pieces and small holes.
 //!
-//! Rims that nearly coincide are welded; no other vertex is moved. Holes of more than [`LARGEST_FAN`] edges, or of a
-//! shape that a fan of triangles can't fill, and one-sided surfaces remain; [`Topology`](crate::topology::Topology)
-//! reports them.
+//! Rims that nearly coincide are welded. No other vertex is moved. Holes remain open if they have more than
+//! [`LARGEST_FAN`] edges, or a shape that a fan of triangles can't fill. One-sided surfaces aren't repaired.
+//! [`Topology`](crate::topology::Topology) reports these defects.
 
 mod rims;
 mod sheets;
@@ -19,14 +19,15 @@ use crate::mesh::Mesh;
 pub use rims::{LARGEST_FAN, LEAST_AREA, WELDING_DISTANCE, bulk, rims};
 pub use wrap::Wrap;
 
-/// Smallest share of the area in dropped fins that a description states.
+/// Descriptions of a repair state the dropped fins' share of the area if it is at least this value.
 const LEAST_STATED: f64 = 0.01;
 
 /// The changes that a repair made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct MeshRepair {
-    /// Number of vertices merged with another vertex: at exactly the same position, or on rims at nearly the same.
+    /// Number of vertices merged with another vertex at exactly the same position or, on rims, at nearly the same
+    /// position.
     pub welded: usize,
     /// Area lost by welding rims, and by dropping the triangles that are degenerate afterwards, as a fraction of the
     /// area before.
@@ -37,7 +38,7 @@ pub struct MeshRepair {
     pub repeated: usize,
     /// Number of triangles dropped in fins and in walls between chambers.
     pub fins: usize,
-    /// Area of the triangles dropped in fins and walls, as a fraction of the area before.
+    /// Area of the triangles dropped in fins and walls, as a fraction of the area before they were dropped.
     pub fins_area: f64,
     /// Number of triangles turned to agree with their neighbours.
     pub turned: usize,
@@ -151,8 +152,8 @@ impl MeshRepair {
 }
 
 impl Serialize for MeshRepair {
-    /// Serializes the counts by name, the shares of the area, `lost_area`, `fins_area`, `dropped_area` and
-    /// `filled_area`, and `wrap` if there is one.
+    /// Serializes the counts by name, the shares of the area (`lost_area`, `fins_area`, `dropped_area` and
+    /// `filled_area`), and `wrap` if the mesh was wrapped.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let counts = self.counts();
         let mut map = serializer.serialize_map(Some(counts.len() + 4 + usize::from(self.wrap.is_some())))?;
@@ -184,7 +185,7 @@ fn phrase(count: usize, one: &str, many: &str) -> Option<String> {
     }
 }
 
-/// Returns a fraction as a percentage with one decimal, or two below 1 %.
+/// Returns a fraction as a percentage with one decimal, or with two decimals below 1 %.
 fn percent(fraction: f64) -> String {
     let percent = 100.0 * fraction;
     let digits = if percent >= 0.995 { 1 } else { 2 };
@@ -192,12 +193,12 @@ fn percent(fraction: f64) -> String {
 }
 
 /// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. A closed result
-/// is wound outwards. The remaining vertices keep their order; vertices added where parts touched or to fill holes come
-/// last.
+/// is wound outwards. The remaining vertices keep their order. Vertices that were added to separate parts that touched,
+/// or to fill holes, come last.
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -210,8 +211,8 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     found.split = sheets::split(&mut vertices, &mut faces);
     let welded = found.welded;
     let (vertices, unused) = compact(&vertices, &mut faces);
-    // The vertices that were merged with others are unused, too. They are subtracted, since they are counted as
-    // welded.
+    // The vertices that were merged with others are unused, too. These vertices are subtracted, because they are
+    // counted as welded.
     found.unused = unused.saturating_sub(welded);
     let mut mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
     turn_closed_outward(&mut mesh, &mut found);
@@ -219,26 +220,27 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     (mesh, found)
 }
 
-/// Turns all triangles if the mesh is closed and wound inwards, and adds them to the changes. An open mesh isn't
-/// changed.
+/// Turns all triangles if the mesh is closed and wound inwards, and adds the turned triangles to the changes. An open
+/// mesh isn't changed.
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 pub fn turn_closed_outward(mesh: &mut Mesh, found: &mut MeshRepair) {
     if sheets::turn_closed_outward(&mesh.vertices, &mut mesh.faces) {
-        // Triangles that were turned before are as they were given.
+        // Triangles that the repair had turned before have been turned twice, so they have their original winding
+        // again.
         found.turned = (mesh.faces.len() - found.filled).saturating_sub(found.turned);
     }
 }
 
 /// Welds a mesh, and turns its triangles so that the winding is consistent within each piece. Closed pieces are wound
-/// outwards. Open pieces keep the winding of most of their area, but are all reversed if they are inside out as a
-/// whole. Returns the mesh with all its pieces and vertices, and the changes.
+/// outwards. Open pieces keep the winding of the larger part of their area. All open pieces are reversed if together
+/// they are inside out. Returns the mesh with all its pieces and vertices, and the changes.
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -250,7 +252,7 @@ pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
     (Mesh { vertices: mesh.vertices.clone(), faces, meta: mesh.meta.clone() }, found)
 }
 
-/// Returns the triangles with equal vertices and nearly equal rims welded, without degenerate and repeated ones.
+/// Welds equal vertices and nearly equal rims. Returns all triangles except degenerate and repeated ones.
 fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let mut faces = weld(mesh, found);
     drop_needless(&mut faces, found);
@@ -258,7 +260,8 @@ fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let on_rims = rims::weld(&mesh.vertices, &mut faces);
     found.welded += on_rims;
     if on_rims > 0 && before > 0.0 {
-        // Triangles without area are dropped below; those that now repeat others don't count.
+        // The lost area includes triangles that are degenerate now, but not triangles that now repeat others. Both
+        // kinds are dropped below.
         found.lost_area = (1.0 - area(&mesh.vertices, &faces) / before).max(0.0);
     }
     drop_needless(&mut faces, found);

@@ -11,20 +11,23 @@ use crate::geometry::{Vec3, add, bounds, diagonal, dot, face_normal, sub};
 
 /// Largest number of edges of a hole that [`repair`](super::repair) fills.
 pub const LARGEST_FAN: usize = 32;
-/// Largest distance up to which vertices of rims are welded, as a fraction of the mesh's size, which is the diagonal of
-/// its bounding box; or twice the diagonal of the box around its [`bulk`], if that is smaller.
+/// Largest distance at which vertices of rims are welded, as a fraction of the mesh's size. The size is the diagonal of
+/// the mesh's bounding box, or twice the diagonal of the box around its [`bulk`], if that is smaller.
 pub const WELDING_DISTANCE: f64 = 1e-5;
-/// Second limit on the distance up to which vertices are welded, as a fraction of the shortest rim edge that is longer
-/// than the first limit. Only triangles with edges shorter than the first limit are then lost.
+/// Vertices of rims are welded if their distance is at most [`WELDING_DISTANCE`] and at most this fraction of the
+/// shortest rim edge that is longer than [`WELDING_DISTANCE`]. Welding therefore loses only triangles with edges
+/// shorter than [`WELDING_DISTANCE`].
 const NEAR_OF_EDGE: f64 = 0.25;
 /// Share of the area that may lie beyond each side of the box around the bulk of a mesh.
 const OUTSIDE: f64 = 0.01;
-/// Largest size of a mesh, as a multiple of the diagonal of the box around its bulk.
+/// The size of a mesh is the diagonal of its bounding box, but at most this multiple of the diagonal of the box around
+/// the mesh's bulk.
 const MOST_OF_BULK: f64 = 2.0;
-/// Largest number of a cell along an axis. Numbers of cells far away must fit into 64 bits.
+/// Largest index of a cell along an axis. Indices of cells farther away are clamped, so that they fit into 64 bits.
 const FARTHEST: f64 = 1e18;
 
-/// Returns the edges that belong to only one triangle, each in the opposite direction to that in the triangle.
+/// Returns the edges that belong to only one triangle. The direction of each edge is opposite to its direction in the
+/// triangle.
 fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
     let sides = sides(faces);
     let open = by_edge(&sides).filter(|edge| edge.len() == 1).map(|edge| {
@@ -57,8 +60,8 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     rims
 }
 
-/// Returns the diagonal of a mesh's bounding box; or twice the diagonal of the box around its [`bulk`], if that is
-/// smaller, as with specks far away.
+/// Returns the diagonal of a mesh's bounding box, or twice the diagonal of the box around its [`bulk`], if that is
+/// smaller. It is smaller if the mesh has specks far away.
 fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     let whole = diagonal(bounds(faces.as_flattened().iter().map(|&v| vertices[v as usize])));
     let bulk = diagonal(bulk(vertices, faces));
@@ -70,13 +73,14 @@ fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn bulk(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec3, Vec3) {
     let at = |v: u32| vertices[v as usize];
     let areas: Vec<f64> = faces.iter().map(|face| area_of(vertices, face)).collect();
     let most = OUTSIDE * areas.iter().sum::<f64>();
-    // Returns the coordinate at which the triangles, in order of their smallest coordinates, exceed this area.
+    // Sums the areas of the triangles in ascending order of the coordinates that `smallest` returns, and returns the
+    // coordinate at which the sum exceeds `most`.
     let quantile = |smallest: &dyn Fn(&[u32; 3]) -> f64| {
         let mut ends: Vec<(f64, f64)> = faces.iter().map(smallest).zip(areas.iter().copied()).collect();
         ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -111,7 +115,7 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
         return 0;
     }
     let rim: BTreeSet<u32> = open.into_iter().flat_map(|(a, b)| [a, b]).collect();
-    // A vertex within the distance is in the same cell of a grid or in one next to it.
+    // A vertex within the welding distance is in the same cell of a grid or in an adjacent cell.
     let cell = |v: u32| at(v).map(|x| (x / near).floor().clamp(-FARTHEST, FARTHEST) as i64);
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut place: HashMap<u32, u32> = HashMap::new();
@@ -178,8 +182,8 @@ fn has_no_area([a, b, c]: [Vec3; 3]) -> bool {
     0.5 * dot(normal, normal).sqrt() <= LEAST_AREA * longest
 }
 
-/// Fills a rim of four edges with two triangles. Uses the shorter diagonal, unless it is `taken` by an edge of the
-/// mesh, a triangle would have no area, or the triangles would face each other.
+/// Fills a rim of four edges with two triangles. Uses the shorter diagonal, unless this diagonal is `taken` by an edge
+/// of the mesh, a triangle would have no area, or the triangles would face each other.
 fn quad(vertices: &[Vec3], [a, b, c, d]: [u32; 4], taken: impl Fn(u32, u32) -> bool) -> Vec<[u32; 3]> {
     let length = |p: u32, q: u32| {
         let along = sub(vertices[p as usize], vertices[q as usize]);
@@ -201,8 +205,8 @@ fn quad(vertices: &[Vec3], [a, b, c, d]: [u32; 4], taken: impl Fn(u32, u32) -> b
 }
 
 /// Fills a rim with a fan of triangles around the mean of its vertices, and returns the mean and the fan. The mean gets
-/// the next vertex number. Returns `None` if a triangle would have no area or face against the others; such a hole
-/// remains open.
+/// the next vertex number. Returns `None` if a triangle would have no area or would face against the other triangles.
+/// In this case, the hole remains open.
 fn fan(vertices: &[Vec3], rim: &[u32]) -> Option<(Vec3, Vec<[u32; 3]>)> {
     let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, vertices[v as usize]));
     let middle = sum.map(|x| x / rim.len() as f64);

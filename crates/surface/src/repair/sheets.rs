@@ -78,7 +78,7 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize,
         for edge in by_edge(&sides).filter(|edge| edge.len() > 2) {
             let mut roots: Vec<u32> = edge.iter().map(|side| pieces.root(side.2 / 3)).collect();
             roots.sort_unstable();
-            // A piece with an odd number of triangles at the edge ends there.
+            // A piece with an odd number of triangles at the edge ends at this edge.
             let ends = roots.chunk_by(|a, b| a == b).filter(|same| same.len() % 2 == 1);
             let mut ends: Vec<(u32, usize)> = ends.map(|same| (same[0], same.len())).collect();
             ends.sort_unstable_by(|a, b| before(&a.0, &b.0));
@@ -110,13 +110,15 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize,
 /// The choice of sides to join at an edge where a surface touches itself.
 #[derive(Clone, Copy)]
 enum Join {
-    /// Joins sides that have the body between them, so that the body ends at the edge.
+    /// Joins the sides of two triangles if the body is between the triangles, so that the body ends at the edge.
     AcrossBody,
-    /// Joins sides that have the outside between them, so that the body continues through the edge.
+    /// Joins the sides of two triangles if the outside is between the triangles, so that the body continues through the
+    /// edge.
     AcrossOutside,
 }
 
-/// Returns for each side the side of another triangle that it is joined to, or [`OPEN`] if it isn't joined.
+/// Returns, for each side of each triangle, the side of another triangle to which it is joined, or [`OPEN`] if it isn't
+/// joined.
 fn joined(vertices: &[Vec3], faces: &[[u32; 3]], how: Join) -> Vec<u32> {
     let sides = sides(faces);
     let mut pieces = pieces(faces, &sides);
@@ -165,8 +167,9 @@ fn wedges(
     let apex = |side: u32| faces[side as usize / 3][(side as usize % 3 + 2) % 3];
     let first = unit(across(apex(sides[0].1)));
     let second = cross(axis, first);
-    // For each side: the angle of its triangle around the edge, counter-clockwise if the edge points towards the
-    // viewer; whether the side runs in the direction of the edge; and the side's number.
+    // Each side has an entry with three values. The first is the angle of the side's triangle around the edge,
+    // counter-clockwise if the edge points towards the viewer. The second states whether the side runs in the direction
+    // of the edge. The third is the side's number.
     let mut around: Vec<(f64, bool, u32)> = sides
         .iter()
         .map(|&(_, side)| {
@@ -285,9 +288,9 @@ pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
     }
 }
 
-/// Keeps only the piece with the largest area; in case of ties, the first one. Triangles with joined sides belong to
-/// the same piece. Returns the number of pieces dropped, their share of the area, and the number of them that shared
-/// edges with the kept piece.
+/// Keeps only the piece with the largest area. In case of ties, keeps the first of the largest pieces. Triangles with
+/// joined sides belong to the same piece. Returns the number of pieces dropped, their share of the area, and the number
+/// of dropped pieces that shared edges with the kept piece.
 pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64, usize) {
     let mut pieces = UnionFind::new(faces.len());
     for (side, &other) in (0..).zip(&joined(vertices, faces, Join::AcrossBody)).filter(|(_, other)| **other != OPEN) {
@@ -312,7 +315,7 @@ pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usi
     (areas.len() - 1, if all > 0.0 { (1.0 - area / all).max(0.0) } else { 0.0 }, attached.len())
 }
 
-/// Gives each fan of triangles around a vertex a vertex of its own. Where the surface touches itself along an edge, the
+/// Gives each fan of triangles around a vertex a separate vertex. Where the surface touches itself along an edge, the
 /// body ends at the edge or continues through it, whichever gives fewer handles. Returns the number of vertices added.
 pub(super) fn split(vertices: &mut Vec<Vec3>, faces: &mut [[u32; 3]]) -> usize {
     let [(ends, most), (goes_on, other)] =
@@ -335,8 +338,8 @@ pub(super) fn split(vertices: &mut Vec<Vec3>, faces: &mut [[u32; 3]]) -> usize {
     vertices.len() - before
 }
 
-/// Returns the fans as sets of corners, and the Euler characteristic of the surface in which each fan has its own
-/// vertex. Corner k of triangle f has the number 3 f + k.
+/// Returns the fans of triangles around vertices as sets of corners, and the Euler characteristic of the surface in
+/// which each fan has its own vertex. Corner k of triangle f has the number 3 f + k.
 fn fans(faces: &[[u32; 3]], joined: &[u32]) -> (UnionFind, i64) {
     let mut corners = UnionFind::new(joined.len());
     let next = |side: u32| if side % 3 == 2 { side - 2 } else { side + 1 };
@@ -344,7 +347,7 @@ fn fans(faces: &[[u32; 3]], joined: &[u32]) -> (UnionFind, i64) {
     for (side, &other) in (0..).zip(joined) {
         twice_edges += if other == OPEN { 2 } else { 1 };
         if other != OPEN {
-            // The corner with the number of a side is the one at which the side begins.
+            // The corner and the side with the same number belong together: the side begins at this corner.
             let agree = start(faces, side) != start(faces, other);
             let (from, to) = if agree { (next(other), other) } else { (other, next(other)) };
             corners.join(side, from);

@@ -21,7 +21,7 @@ fn a_soup_is_welded() {
     assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
 }
 
-/// -0 and +0 are the same position; nearly equal positions are welded on rims alone.
+/// -0 and +0 are the same position. Nearly equal positions are welded only on rims.
 #[test]
 fn what_lies_on_another_is_welded_and_rims_also_where_they_nearly_meet() {
     let mut mesh = icosphere(0);
@@ -36,12 +36,12 @@ fn what_lies_on_another_is_welded_and_rims_also_where_they_nearly_meet() {
     let (closed, found) = repair(&mesh);
     assert_eq!((found.welded, found.holes, closed.vertices.len()), (2, 0, 12));
     assert!(Topology::of(&closed).is_sphere());
-    // Two vertices that nearly coincide, but not on a rim, stay.
+    // Two vertices that nearly coincide but aren't on a rim aren't welded.
     let mut near = icosphere(2);
     near.vertices[7] = near.vertices[near.faces.iter().find(|face| face.contains(&7)).unwrap()[0] as usize];
     near.vertices[7][0] += 1e-12;
     assert!(!repair(&near).1.is_any());
-    // A soup with corners off by 1e-6.
+    // A triangle soup has corners that are off by 1e-6.
     let ball = icosphere(3);
     let mut number = 0_u32;
     let vertices = ball.faces.as_flattened().iter().map(|&v| {
@@ -68,7 +68,8 @@ fn triangles_turn_to_the_larger_part() {
     assert_eq!((turned, found.turned), (whole, 107));
 }
 
-/// A Möbius strip of triangles has one side only: nothing is turned, and no filling makes a sphere of it.
+/// A Möbius strip of triangles has only one side. No triangle of it is turned, and filling its hole doesn't make it a
+/// sphere.
 #[test]
 fn a_surface_with_one_side_stays() {
     let strip: Vec<[u32; 3]> = (0..7).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
@@ -83,7 +84,7 @@ fn fins_go_and_the_surface_under_them_stays() {
     let whole = icosphere(2);
     let mut mesh = whole.clone();
     let [a, b, c] = mesh.faces[5];
-    // A fin of two triangles, and a tent over two edges of the same triangle.
+    // Adds a fin of two triangles, and a tent over two edges of the same triangle.
     mesh.vertices.extend([[1.1, 0.0, 0.0], [1.1, 0.1, 0.0], [0.0, 0.0, 1.1]]);
     mesh.faces.extend([[a, b, 162], [162, b, 163], [b, c, 164], [c, a, 164]]);
     let (clean, found) = repair(&mesh);
@@ -105,7 +106,7 @@ fn parts_that_touch_are_separated() {
         assert_eq!((apart, found.pieces), (ball.clone(), 1), "{found}");
         assert!(found.dropped_area > 0.01 && found.to_string().contains("1 smaller piece dropped ("), "{found}");
     }
-    // A ball pinched until it touches itself, at a point or along two edges, is a ball again.
+    // A ball that was pinched until it touched itself, at a point or along two edges, is a ball again after repair.
     let ball = subdivide_sphere(&subdivide_sphere(&bipyramid(8)));
     let close = |a: f64, b: f64| (a - b).abs() < 1e-9;
     let place = |v: u32| ball.vertices[v as usize];
@@ -163,7 +164,8 @@ fn holes_of_every_size_up_to_the_bound_are_filled() {
     let apart = [around[0], *second];
     let next = around.iter().find(|face| **face != around[0] && edge(face, &around[0])).unwrap();
     let joined = [around[0], *next];
-    // Removes all triangles around a vertex (five or six edges), one triangle, or two that share an edge.
+    // Removes all triangles around a vertex (which leaves a rim of five or six edges), one triangle, or two triangles
+    // that share an edge.
     let at = |vertex: u32| move |face: &[u32; 3]| face.contains(&vertex);
     for (drop, holes) in [
         (Box::new(at(0)) as Box<dyn Fn(&[u32; 3]) -> bool>, 1),
@@ -203,7 +205,8 @@ fn loose_and_repeated_things_are_dropped_and_counted() {
     assert!(text.ends_with("4 unused vertices dropped"), "{text}");
 }
 
-/// A seam that is open by rounding, next to a pole whose vertices nearly coincide: only its slivers are lost.
+/// A sphere of meridians has a seam that is open by rounding errors, and a pole whose vertices nearly coincide. Welding
+/// closes the seam, and only slivers at the pole are lost.
 #[test]
 fn a_sphere_of_meridians_is_welded_along_its_seam() {
     let (rows, columns) = (9_u32, 12_u32);
@@ -224,7 +227,7 @@ fn a_sphere_of_meridians_is_welded_along_its_seam() {
     assert_eq!((welded.vertices.len(), found.holes), (7 * 12 + 2, 0), "{found}");
 }
 
-/// A tiny edge at a rim neither overflows nor stops the welding.
+/// A tiny edge at a rim doesn't cause an overflow, and doesn't prevent welding.
 #[test]
 fn a_tiny_edge_at_a_rim_is_welded() {
     let mut mesh = icosphere(1);
@@ -238,7 +241,7 @@ fn a_tiny_edge_at_a_rim_is_welded() {
     assert!(Topology::of(&welded).is_sphere() && welded.vertices.len() == 42, "{found}");
 }
 
-/// Many fins at one edge go in one round, also beside a hole of the body.
+/// Many fins at one edge are dropped in one round, even if the body has a hole.
 #[test]
 fn fins_go_from_a_body_with_a_hole() {
     let mut mesh = icosphere(3);
@@ -307,7 +310,7 @@ fn a_closed_surface_that_is_inside_out_is_turned() {
     inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
     let (turned, found) = repair(&inside_out);
     assert_eq!((turned, found.turned), (ball.clone(), 320));
-    // With three triangles that are wound outwards already, and a hole.
+    // Now three triangles are already wound outwards, and the mesh has a hole.
     ball.faces[..3].iter().zip(&mut inside_out.faces).for_each(|(given, face)| *face = *given);
     inside_out.faces.pop();
     let (turned, found) = repair(&inside_out);
@@ -329,7 +332,8 @@ fn a_rim_with_the_shape_of_a_dart_is_filled_inside() {
     assert!((normals.iter().sum::<f64>().abs() - 0.8).abs() < 1e-12, "{normals:?}");
 }
 
-/// A ball open at a triangle, with a speck 1e6 away, keeps all its triangles; the speck is the piece that is dropped.
+/// A ball has a hole of one triangle, and a speck at a distance of 1e6. The ball keeps all its triangles, and the speck
+/// is dropped.
 #[test]
 fn a_speck_far_away_does_not_change_the_distance_of_welding() {
     let mut mesh = icosphere(3);
@@ -346,7 +350,7 @@ fn a_speck_far_away_does_not_change_the_distance_of_welding() {
     }
 }
 
-/// A triangle that is narrower than the distance of welding collapses.
+/// A triangle that is narrower than the welding distance collapses.
 #[test]
 fn area_that_welding_loses_is_counted() {
     let mut mesh = icosphere(2);
@@ -361,8 +365,8 @@ fn area_that_welding_loses_is_counted() {
     assert_eq!(large.changes(), "3 vertices welded to others, 93.8 % of the area lost by welding");
 }
 
-/// Two cubes share a face: the one behind it is dropped with its share of the area. A wall of less than 5 % is dropped
-/// instead, and its share is stated.
+/// Two cubes share a face. One of the cubes is dropped, and its share of the area is stated. If the shared face is less
+/// than 5 % of the area, the face is dropped instead, and its share is stated.
 #[test]
 fn bodies_that_share_a_wall_are_named_with_their_area() {
     let corners =

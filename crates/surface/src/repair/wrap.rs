@@ -36,7 +36,7 @@ pub struct Wrap {
 }
 
 impl Wrap {
-    /// Returns the larger of the shares that the wrap loses: of the mesh's area and of the body's voxels.
+    /// Returns the share of the mesh's area or the share of the body's voxels that the wrap loses, whichever is larger.
     #[must_use]
     pub fn loss(&self) -> f64 {
         self.lost_area.max(self.left_out)

@@ -1,4 +1,4 @@
-//! Divides a triangle into cells and places the samples in the cells; the parent module explains the rules.
+//! Divides a triangle into cells, and places the samples in the cells. The parent module explains the rules.
 
 use crate::geometry::{Vec3, add, dot, sub};
 
@@ -77,7 +77,8 @@ impl Cut {
 /// triangle are farther apart on the sphere than on the triangle. Returns at least 0.1, and 1 for triangles that aren't
 /// large.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
-    /// Distance from the centre below which a triangle counts as large; reached by edges of about 50 degrees.
+    /// A triangle is large if it comes nearer to the sphere's centre than this distance. Triangles with edges of about
+    /// 50 degrees reach this distance.
     const LARGE: f64 = 0.9;
     let mean = |points: &[Vec3]| {
         let sum = points.iter().fold([0.0; 3], |sum, p| add(sum, *p));
@@ -90,9 +91,9 @@ fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
 /// The nodes of Gauss's two-point rule on [-1, 1] are -1 / sqrt(3) and 1 / sqrt(3).
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// Returns the nodes and weights of Gauss's two-point rule on `from..to` for the weight function s, to which the width
-/// of a layer is proportional; s is the distance from the apex. The nodes are the roots of the polynomial `s^2 + b s +
-/// c` that is orthogonal to 1 and s. Half of each weight is returned.
+/// Returns the nodes and weights of Gauss's two-point rule on `from..to`. The weight function is the distance s from
+/// the apex, because the triangle's width is proportional to s. The nodes are the roots of `s^2 + b s + c`, the
+/// polynomial that is orthogonal to 1 and s. Half of each weight is returned, because each node gives two samples.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     // Moments are taken about the layer's middle, which avoids cancellation: s = middle + half u, with weight (middle
     // + half u) du.
@@ -103,8 +104,8 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     let root = (0.25 * b * b - c).sqrt();
     let (first, second) = (-0.5 * b - root, -0.5 * b + root);
     let of_second = (m1 - first * m0) / (second - first);
-    // The triangle's area is the integral of 2 s ds from 0 to 1. Each of the two points across a cell gets half of the
-    // weight.
+    // Weights are shares of the triangle's area, which is the integral of 2 s ds from 0 to 1, with s the distance from
+    // the apex. Each node gives two samples, and each sample gets half of 2 s ds, so the factor 2 cancels.
     let part = |weight: f64| half * weight;
     [(middle + half * first, part(m0 - of_second)), (middle + half * second, part(of_second))]
 }
@@ -145,7 +146,8 @@ mod tests {
         }
     }
 
-    /// A sliver gets a single row of n cells, an equilateral triangle about n^2 / 2 cells.
+    /// With n layers, a sliver has one cell in each layer, n cells in all. An equilateral triangle has about n^2 / 2
+    /// cells.
     #[test]
     fn slivers_take_few_samples() {
         let at = |angle: f64| [angle.cos(), angle.sin(), 0.0];
@@ -154,7 +156,8 @@ mod tests {
         assert_eq!(Cut::new(&unit, [0, 3, 2], 0.005).samples(), 4 * 99);
         let even = Cut::new(&unit, [0, 1, 2], 0.005).samples();
         assert!((24_000..32_000).contains(&even), "{even}");
-        // The middle of a long sliver is at 0.71 of the radius, so its layers are thinner by this factor.
+        // This flat sliver spans a quarter of a circle, so its middle is at only 0.71 of the sphere's radius. Its
+        // layers are thinner by this factor.
         let long = [at(0.0), at(0.001), apex(std::f64::consts::FRAC_PI_2)];
         assert_eq!(Cut::new(&long, [0, 1, 2], 0.01).samples(), 4 * 200);
     }

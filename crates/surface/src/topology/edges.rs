@@ -15,7 +15,7 @@ pub(super) struct EdgeCounts {
 }
 
 /// Returns the half-edge (or corner) that follows h in its triangle. Half-edge h = 3 * face + k runs from corner k of
-/// the face to corner k + 1; corner h is where it starts.
+/// the face to corner k + 1. Corner h is the start of half-edge h.
 fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
@@ -48,7 +48,7 @@ impl Buckets {
         Self { starts, items }
     }
 
-    /// Sorts the items of each bucket, and passes them to `f`.
+    /// Sorts the items of each bucket, and calls `f` with the bucket's index and its sorted items.
     fn for_each_sorted(mut self, mut f: impl FnMut(u32, &[(u32, u32)])) {
         for (bucket, range) in self.starts.windows(2).enumerate() {
             let items = &mut self.items[range[0] as usize..range[1] as usize];
@@ -66,12 +66,13 @@ fn half_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, (u32, u32))> {
     })
 }
 
-/// Returns whether a surface has one side only: however its triangles are turned, two of them disagree across an
-/// edge.
+/// Returns whether a surface has only one side: whichever triangles are turned, two triangles at some edge still have
+/// inconsistent windings.
 pub(super) fn is_one_sided(mesh: &Mesh) -> bool {
     let faces = &mesh.faces;
     let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];
-    // Number f stands for triangle f as it is, and f + turned for the turned triangle.
+    // In the union-find structure, element f represents triangle f as given, and element f + turned represents triangle
+    // f with reversed winding.
     let turned = faces.len() as u32;
     let mut agreeing = UnionFind::new(2 * faces.len());
     Buckets::new(mesh.vertices.len(), || half_edges(faces)).for_each_sorted(|_, bucket| {

@@ -1,13 +1,13 @@
 //! Checks that a mesh is a closed surface of genus zero, and gives reasons if it isn't.
 //!
-//! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that
-//! could prevent this; [`Topology::problems`] describes the problems in sentences.
+//! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that could
+//! prevent such a map. [`Topology::problems`] describes the problems in sentences.
 //!
-//! The counts take two passes, O(vertices + faces), and a sort of coordinates. Half-edges are sorted into one bucket
-//! per vertex, by the smaller of their two vertices (a counting sort), so half-edges of the same edge are next to each
-//! other. Corners at the same end of an edge are joined (union-find), which reveals vertices where two fans of
-//! triangles touch. 40,962 vertices take 9 ms. 10.5 million vertices take 4.7 s on one core of a small server, and 1.3
-//! GB for mesh and working memory.
+//! The counts need two passes, which take O(vertices + faces) time, and a sort of the coordinates. Half-edges are
+//! sorted into one bucket per vertex, by the smaller of their two vertices (a counting sort), so half-edges of the same
+//! edge are next to each other. Corners at the same end of an edge are joined (union-find), which reveals vertices
+//! where two fans of triangles touch. 40,962 vertices take 9 ms. 10.5 million vertices take 4.7 s on one core of a
+//! small server, and 1.3 GB for mesh and working memory.
 
 mod edges;
 mod union_find;
@@ -32,9 +32,11 @@ pub struct Topology {
     pub non_manifold_edges: usize,
     /// Number of vertices whose triangles form more than one fan, such as a point where two cones touch.
     pub non_manifold_vertices: usize,
-    /// Number of edges whose two triangles have the edge in the same direction, so one of them is reversed.
+    /// Number of edges whose two triangles have the edge in the same direction, so that one of the triangles is
+    /// reversed.
     pub inconsistent_edges: usize,
-    /// Whether the surface has one side only, so that turning triangles can't make all edges consistent.
+    /// Whether the surface has only one side. In a one-sided surface, turning triangles can't make all edges
+    /// consistent.
     pub one_sided: bool,
     /// Number of separate pieces. Different pieces have no vertex in common. Unreferenced vertices don't count as
     /// pieces.
@@ -45,8 +47,8 @@ pub struct Topology {
     pub duplicate_faces: usize,
     /// Number of triangles that use a vertex twice.
     pub degenerate_faces: usize,
-    /// Number of vertices at exactly the same position as an earlier vertex. They are allowed; they occur at seams and
-    /// where corners aren't welded.
+    /// Number of vertices at exactly the same position as an earlier vertex. Such vertices are allowed. They occur at
+    /// seams, and in meshes whose corners aren't welded.
     pub duplicate_vertices: usize,
     /// The Euler characteristic: referenced vertices - edges + non-degenerate faces.
     pub euler_characteristic: i64,
@@ -57,7 +59,7 @@ impl Topology {
     ///
     /// # Panics
     ///
-    /// If a triangle's index is out of range.
+    /// Panics if a triangle's index is out of range.
     #[must_use]
     pub fn of(mesh: &Mesh) -> Self {
         let vertices = mesh.vertices.len();
@@ -125,7 +127,8 @@ impl Topology {
         closed.then_some((2 - self.euler_characteristic) / 2)
     }
 
-    /// Returns the reasons, one sentence each, why the mesh isn't a closed surface of genus zero; empty if it is one.
+    /// Returns the reasons, one sentence each, why the mesh isn't a closed surface of genus zero. The list is empty for
+    /// a closed surface of genus zero.
     #[must_use]
     pub fn problems(&self) -> Vec<String> {
         let counted = |n: usize, one: &str, many: &str| match n {
@@ -211,7 +214,7 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
     signed_volume_of(&mesh.vertices, &mesh.faces)
@@ -235,7 +238,7 @@ pub(crate) fn signed_volume_of(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64
 ///
 /// # Panics
 ///
-/// If a triangle's index is out of range.
+/// Panics if a triangle's index is out of range.
 #[must_use]
 pub fn area(mesh: &Mesh) -> f64 {
     let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));
@@ -246,7 +249,7 @@ pub fn area(mesh: &Mesh) -> f64 {
 ///
 /// # Panics
 ///
-/// In the same cases as [`signed_volume`].
+/// Panics in the same cases as [`signed_volume`].
 #[must_use]
 pub fn is_outward(mesh: &Mesh) -> bool {
     signed_volume(mesh) > 0.0
@@ -274,7 +277,7 @@ fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     duplicates
 }
 
-/// Mixes all bits of a number; a bijection (the finaliser of SplitMix64).
+/// Mixes all bits of a number. The map is a bijection, the finaliser of SplitMix64.
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

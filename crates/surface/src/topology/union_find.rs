@@ -25,7 +25,7 @@ impl UnionFind {
     ///
     /// # Panics
     ///
-    /// If `x` isn't below n.
+    /// Panics if `x` isn't below n.
     pub fn root(&mut self, mut x: u32) -> u32 {
         loop {
             let parent = self.parent[x as usize];
@@ -42,7 +42,7 @@ impl UnionFind {
     ///
     /// # Panics
     ///
-    /// In the same cases as [`root`](Self::root).
+    /// Panics in the same cases as [`root`](Self::root).
     pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {

@@ -3,10 +3,10 @@
 use crate::accumulator::griddings::Griddings;
 use crate::cells::{Place, place};
 
-/// Number of samples in a block. Together with their places, they fit in the L2 cache.
+/// Number of samples in a block. The samples of a block and their places on the grid fit in the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;
 
-/// Samples of a block, in input order. Without weights, w = 1; values are (samples, c) row-major.
+/// Samples of a block, in input order. If no weights are given, w = 1. The values are (samples, c), row-major.
 #[derive(Clone, Copy)]
 pub(super) struct Samples<'a> {
     pub(super) directions: &'a [[f64; 3]],

@@ -6,12 +6,12 @@ use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Number of grid points per held sample at which samples are spread. Spreading passes over all points of the grids, so
-/// it pays off only for enough samples.
+/// Held samples are spread when their number reaches the number of grid points divided by this value. Spreading passes
+/// over all points of the grids, so it pays off only for many samples.
 const POINTS_A_SAMPLE: usize = 8;
-/// Smallest number of samples that are held before they are spread.
+/// Minimum number of samples that are held in memory before they are spread to the grids.
 const FEWEST_HELD: usize = 1 << 16;
-/// Largest number of samples that are held before they are spread.
+/// Maximum number of samples that are held in memory before they are spread to the grids.
 const MOST_HELD: usize = 1 << 23;
 
 /// The griddings of the weights (degree 2L) and of the weighted values (degree L).
@@ -48,7 +48,7 @@ impl Griddings {
                 best = Some((cost, of(width, grid)));
             }
         }
-        // Fallback if no kernel reaches the finest accuracy: the widest kernel on the largest grid.
+        // If no kernel reaches the finest accuracy, use the widest kernel on the largest grid.
         best.map_or(last, |(_, best)| best)
     }
 
@@ -65,13 +65,13 @@ impl Griddings {
         [kernel(fine, 2 * max_degree), kernel(coarse, max_degree)]
     }
 
-    /// Returns the number of samples that are held before they are spread.
+    /// Returns the number of samples that are held in memory before they are spread to the grids.
     pub(super) fn held(&self, channels: usize) -> usize {
         held(self.both[0].grid, channels)
     }
 
-    /// Returns the number of rows of the fine grid that one task spreads to: two strips. They correspond to one strip
-    /// of the coarse grid.
+    /// Returns the number of rows of the fine grid to which one task spreads samples: two strips. They correspond to
+    /// one strip of the coarse grid.
     pub(super) fn rows_together(&self) -> usize {
         2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
     }
@@ -81,8 +81,8 @@ impl Griddings {
         (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
     }
 
-    /// Returns the size in bytes of the tables and spectra for computing coefficients from a grid, for the grid that
-    /// needs more.
+    /// Returns the size in bytes of the tables and spectra with which coefficients are computed from a grid. Of the
+    /// sizes for the two grids, the larger one is returned.
     pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
         let of = |gridding: Gridding, degree: usize, channels: usize| {
             let orders = degree + 1;
@@ -95,23 +95,25 @@ impl Griddings {
     }
 }
 
-/// Returns the number of points of both grids, summed over channels, if the fine grid has `grid` points around.
+/// Returns the number of points of both grids, summed over channels, if the fine grid has `grid` points around the
+/// sphere.
 fn points(grid: usize, channels: usize) -> usize {
     grid * grid / 2 + channels * grid * grid / 8
 }
 
-/// Returns the number of samples that are held before they are spread.
+/// Returns the number of samples that are held in memory before they are spread to the grids.
 fn held(grid: usize, channels: usize) -> usize {
     (points(grid, channels) / POINTS_A_SAMPLE).clamp(FEWEST_HELD, MOST_HELD)
 }
 
-/// Estimates a thread's time per sample in nanoseconds: the sample's products, and its share of reading and writing
-/// the grids.
+/// Estimates a thread's time per sample in nanoseconds: the time for the sample's products, plus the sample's share of
+/// the time for reading and writing the grids.
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
     /// Memory bandwidth of a thread, in bytes per nanosecond, while another thread is running.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
-    // The traffic of a finer grid could be offset by holding more samples, but then grid and samples would both take
-    // more memory.
+    // The memory traffic of the grids is divided by the same number of samples for every grid, although the number of
+    // held samples depends on the grid. Otherwise a finer grid could offset its traffic by holding more samples, and
+    // both would take more memory.
     let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
     let density = held(grid, channels) as f64 / (grid * grid / 2) as f64;
     point_cost(width, 1, density) + point_cost(width, channels, 4.0 * density) + traffic / BYTES_PER_NANOSECOND

@@ -7,10 +7,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A set of cells of the sphere, those that contain a sample, with one bit per cell.
+/// The set of the sphere's cells that contain a sample, stored as one bit per cell.
 #[derive(Debug)]
 pub struct Occupied {
-    /// Index of the first cell of each band, followed by the number of cells.
+    /// Index of the first cell of each band, followed by the total number of cells.
     first: Vec<u32>,
     bits: Vec<AtomicU8>,
 }
@@ -61,7 +61,7 @@ impl Occupied {
     }
 
     /// Marks the cells that contain samples. Samples are given by their cells and positions on a grid of `grid` points
-    /// around.
+    /// around the sphere.
     pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
         let bands = self.first.len() - 1;
         let turns = 1.0 / grid as f64;
@@ -72,7 +72,8 @@ impl Occupied {
             let column = ((turn(1) * f64::from(around)) as u32).min(around - 1);
             let at = (self.first[band] + column) as usize;
             let (byte, bit) = (&self.bits[at / 8], 1 << (at % 8));
-            // Most cells are already marked, and a cache line that is only read can be shared between threads.
+            // The bit is read before it is written, because most cells are already marked, and threads can share a
+            // cache line that is only read.
             if byte.load(Ordering::Relaxed) & bit == 0 {
                 byte.fetch_or(bit, Ordering::Relaxed);
             }
@@ -82,8 +83,8 @@ impl Occupied {
     /// Returns the diameter of the largest cap without samples, in radians, to within three cells; 0 if all cells
     /// contain samples, and 2 pi if none does.
     ///
-    /// Cells are visited in the order of their distance from a sample; each takes over the nearest sample of the
-    /// neighbour from which it is reached.
+    /// Cells are visited in the order of their distance from the nearest sample. Each cell adopts the nearest sample of
+    /// the neighbour from which the cell is reached.
     pub fn largest_gap(&self) -> f64 {
         let cells = self.first[self.first.len() - 1];
         let taken = |cell: u32| self.bits[cell as usize / 8].load(Ordering::Relaxed) >> (cell % 8) & 1 == 1;
@@ -128,8 +129,8 @@ impl Occupied {
         [sine * c, sine * s, cosine]
     }
 
-    /// Calls `visit` with the cells beside, above and below a cell; next to a pole, also with all cells of the cell's
-    /// band.
+    /// Calls `visit` with the cells to the left and right of a cell, above it and below it. Next to a pole, also calls
+    /// `visit` with all cells of the cell's band.
     fn neighbours(&self, cell: u32, mut visit: impl FnMut(u32)) {
         let band = self.band(cell);
         let around = |band: usize| self.first[band + 1] - self.first[band];
@@ -181,12 +182,12 @@ mod tests {
         assert_eq!(Occupied::new(5).largest_gap(), std::f64::consts::TAU);
         let everywhere = spharm_harmonics::Directions::fibonacci(60_000).unwrap();
         assert_eq!(marked(20, everywhere.as_slice()).largest_gap(), 0.0);
-        // Samples everywhere except in a cap around a pole, on the seam, or elsewhere.
+        // Samples everywhere except in one cap, whose centre is a pole, on the seam, or elsewhere.
         for (centre, radius) in [([0.0, 0.0, 1.0], 0.4f64), ([1.0, 0.0, 0.0], 0.7), ([-0.48, 0.6, -0.64], 1.1)] {
             let outside = |v: &&[f64; 3]| (0..3).map(|i| v[i] * centre[i]).sum::<f64>() < radius.cos();
             let rest: Vec<[f64; 3]> = everywhere.as_slice().iter().filter(outside).copied().collect();
             let found = marked(20, &rest).largest_gap();
-            // Each end of a radius is known to half a cell's diagonal.
+            // The position of each end of a radius has an uncertainty of half a cell's diagonal.
             assert!((found - 2.0 * radius).abs() < 3.0 * std::f64::consts::PI / 42.0, "{found} {radius}");
         }
         // With a single sample, the gap covers all cells but one.

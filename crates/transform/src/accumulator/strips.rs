@@ -1,4 +1,4 @@
-//! Spreads blocks to both grids, strip by strip.
+//! Spreads blocks of samples to the fine and the coarse grid, strip by strip.
 
 use std::iter::repeat_with;
 use std::ops::Range;
@@ -26,7 +26,7 @@ pub(super) fn spread(
 ) {
     let layouts = griddings.layouts(channels);
     let heights = [griddings.rows_together(), griddings.rows_together() / 2];
-    // Rows of every second strip don't overlap, so they can go to different threads.
+    // The rows of every second strip don't overlap, so different threads can process these strips at the same time.
     for colour in 0..2 {
         let rows = |i: usize| heights[i] * layouts[i].row();
         let fine = fine[colour * rows(0)..].chunks_mut(2 * rows(0));

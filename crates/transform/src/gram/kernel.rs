@@ -1,6 +1,7 @@
 //! Computes the sums over rings, in small tiles of the Gram matrix that are eight orders m wide.
 //!
-//! For a fixed order m' of the column, and s, s' in {cos, sin},
+//! With the Legendre functions P and the sums W of Fourier coefficients on ring j (see [`gram`](super)), for a fixed
+//! order m' of the column, and s, s' in {cos, sin},
 //!
 //! ```text
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(j) W_{m,m'}^{s,s'}(j) P_{l',m'}(j).
@@ -9,9 +10,9 @@
 //! Each lane of a vector holds an order m, and the rows of the matrix are stored in the same sequence. Up to three
 //! degrees l of equal parity, two l' of equal parity and the four (s, s') make a tile of 24 sums in registers. A step
 //! along the rings loads 9 vectors and performs 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products.
-//! That is two thirds of the rate of a matrix product's kernel, but needs no packing, scaled copies of the tables or
-//! scattering of results. Over all rings, a tile loads 45 kB at degree 100, about the size of an L1 cache. Every sum
-//! runs over the rings in the same order in any tile, so its bits don't depend on the tiling.
+//! The rate is two thirds of that of a matrix product's kernel, but no packing, scaled copies of the tables or
+//! scattering of results are needed. Over all rings, a tile loads 45 kB at degree 100, about the size of an L1 cache.
+//! Every sum runs over the rings in the same order in any tile, so its bits don't depend on the tiling.
 
 use std::ops::Range;
 
@@ -21,7 +22,7 @@ use multiversion::{multiversion, target::match_target};
 pub(super) const LANES: usize = 8;
 /// Largest number of degrees l in a tile.
 pub(super) const ROWS: usize = 3;
-/// Number of combinations (s, s'), in the order (cos, cos), (sin, cos), (cos, sin), (sin, sin).
+/// Number of combinations (s, s') of cosine and sine, in the order (cos, cos), (sin, cos), (cos, sin), (sin, sin).
 pub(super) const KINDS: usize = 4;
 
 /// Values of eight orders, aligned so that no load straddles cache lines.
@@ -37,10 +38,11 @@ pub(super) struct Row<'a> {
     pub(super) legendre: &'a [Lanes],
 }
 
-/// The measure's Fourier coefficients for one order m' and degrees with l + l' of one parity.
+/// The measure's Fourier coefficients c and d (see [`gram`](super)), for one order m' and one parity of l + l'.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves<'a> {
-    /// Windows `c_k .. c_{k+7}` (k, rings), from the lowest k on. `sine` contains `d_k .. d_{k+7}` in the same layout.
+    /// For each k, ascending, and each ring, a window of the eight Fourier coefficients `c_k .. c_{k+7}`; array (k,
+    /// rings). In the same layout, the field `sine` contains `d_k .. d_{k+7}`.
     pub(super) cosine: &'a [Lanes],
     pub(super) sine: &'a [Lanes],
     /// Index of the window at k = -m'. `plus` is the index of the window at k = m'.
@@ -55,23 +57,25 @@ struct Factors<'a, const R: usize, const C: usize> {
     legendre: [&'a [Lanes]; R],
     /// For each degree l', the values `P_{l',m'}` on each ring.
     columns: [&'a [f64]; C],
-    /// Values `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}`, `d_{m+m'}` of eight orders on each ring.
+    /// Halves of the Fourier coefficients, `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}` and `d_{m+m'}`, for eight orders on each
+    /// ring; see [`gram`](super).
     waves: [&'a [Lanes]; 4],
 }
 
-/// The sums of a tile: eight lanes for each l, l' and combination (s, s').
+/// The sums of a tile: eight lanes for each row degree l, column degree l', and combination (s, s') of cosine and sine.
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
-/// Returns the index at which [`products`] writes the sum of the row degree with index `row`, the column degree with
-/// index `column`, `kind`, and the first of `blocks` blocks.
+/// Returns the index at which [`products`] writes the sums for the row degree with index `row`, the column degree with
+/// index `column`, and the combination `kind` of cosine and sine. The sums for the `blocks` blocks of orders follow
+/// each other from this index on.
 #[inline(always)]
 pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, blocks: usize) -> usize {
     ((row * columns + column) * KINDS + kind) * blocks
 }
 
-/// Computes the sums for `blocks`, a range of blocks of eight orders. There are at most [`ROWS`] rows, of ascending
-/// degree. `columns` contains the values P_{l',m'} at the `rings` rings. The results go to `sums` (row, column, kind,
-/// block); see [`strip`].
+/// Computes the sums over rings (see the [module](self)) for `blocks`, a range of blocks of eight orders m. There are
+/// at most [`ROWS`] rows, of ascending degree. `columns` contains the values P_{l',m'} at the `rings` rings. The
+/// results go to `sums` (row, column, kind, block); see [`strip`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn products(
     rows: &[Row<'_>],
@@ -91,7 +95,7 @@ pub(super) fn products(
             &waves.sine[minus..][..rings],
             &waves.sine[plus..][..rings],
         ];
-        // Rows of degrees below the block's first order have no functions in the block; these rows come first.
+        // The first rows have degrees below the block's first order, so they have no functions in the block.
         let none = rows.iter().filter(|row| row.degree < block * LANES).count();
         let legendre = |i: usize| &rows[none + i].legendre[block * rings..][..rings];
         for first in (0..columns.len()).step_by(together) {
@@ -149,8 +153,8 @@ fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, 
     tile
 }
 
-/// Computes tiles with the processor's vector instructions. The code that the compiler makes of the plain form moves
-/// the 24 sums between registers, and is 15 times slower.
+/// Computes tiles with the processor's vector instructions. The code that the compiler generates from the plain form
+/// moves the 24 sums between registers, and is 15 times slower.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -166,7 +170,7 @@ mod x86 {
         ($name:ident, $features:literal, $vector:ty, [$all:ident, $plus:ident, $minus:ident, $times:ident, $fused:ident]) => {
             #[target_feature(enable = $features)]
             pub(super) fn $name<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
-                /// Number of vectors per eight lanes, and number of lanes per vector.
+                /// Number of SIMD vectors that hold the [`LANES`] orders m. `WIDTH` is the number of orders per vector.
                 const PARTS: usize = 8 * LANES / size_of::<$vector>();
                 const WIDTH: usize = LANES / PARTS;
                 let Factors { mut legendre, mut columns, mut waves } = factors;
@@ -259,7 +263,7 @@ mod tests {
         let (cosine, sine) = (lanes(77, 20 * rings), lanes(777, 20 * rings));
         let waves = Waves { cosine: &cosine, sine: &sine, minus: 2, plus: 11 };
         for count in 1..=ROWS {
-            // The first row ends before the second block.
+            // The first row, of degree 6, has no orders in the second block, which begins with order 8.
             let row = |r: usize| Row { degree: 6 + 2 * r, legendre: &legendre[r * 2 * rings..][..2 * rings] };
             let rows: Vec<_> = (0..count).map(row).collect();
             for width in 1..=3 {

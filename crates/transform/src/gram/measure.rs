@@ -9,7 +9,7 @@
 //! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
 //! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
 //! No grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror image (see
-//! [`gram`](super)), so northern rings count twice.
+//! [`gram`](super)), so the northern rings have twice the weight.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
@@ -17,7 +17,8 @@ use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
 use super::kernel::{LANES, Lanes, Waves};
 use crate::TransformError;
 
-/// Number of rings per run, few enough that the harmonics of degree 2L on them stay in a thread's cache.
+/// Number of rings per run. This number is small enough for the harmonics of degree 2L on these rings to stay in a
+/// thread's cache.
 const RUN: usize = 16;
 
 /// The tables for one degree and one list of moments.
@@ -26,8 +27,9 @@ pub(super) struct Measure {
     max_degree: usize,
     /// Values `P_{l,m}(theta_j)` on the northern rings: for each l an array (blocks of eight m, rings), 0 if m > l.
     legendre: Vec<Lanes>,
-    /// For each parity q, windows `c_k .. c_{k+7}` (k from -L to 2L, rings). Each value is stored eight times, so that
-    /// the kernel's reads along the rings are aligned for any m - m'. `sine` holds `d_k .. d_{k+7}` in the same layout.
+    /// For each parity q, an array (k from -L to 2L, rings) of windows: the eight Fourier coefficients `c_k .. c_{k+7}`
+    /// defined at the top of this file. Each value is thus stored eight times, so that the kernel's reads along the
+    /// rings are aligned for any m - m'. `sine` has the coefficients `d_k .. d_{k+7}` in the same layout.
     cosine: [Vec<Lanes>; 2],
     sine: [Vec<Lanes>; 2],
 }
@@ -43,7 +45,7 @@ const fn blocks_before(l: usize) -> usize {
     LANES * whole * (whole + 1) / 2 + rest * (whole + 1)
 }
 
-/// Returns the number of windows of eight k; the first starts at -L, the last at 2L.
+/// Returns the number of windows of eight successive frequencies k. The first starts at k = -L, the last at k = 2L.
 const fn window_count(max_degree: usize) -> usize {
     3 * max_degree + 1
 }
@@ -83,13 +85,13 @@ impl Measure {
         let all = gauss_legendre(2 * max_degree + 1);
         let rings = max_degree + 1;
         let directions: Vec<_> = (0..rings).map(|j| all.direction(j)).collect();
-        // Every ring except the equator also stands for its mirror image.
+        // Every ring except the equator also represents its mirror image.
         let factors: Vec<_> = (0..rings).map(|j| all.weights[j] * if j < max_degree { 2.0 } else { 1.0 }).collect();
         let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
         let zeros = || vec![0.0; rings * (2 * max_degree + 1)];
         let (mut cosine, mut sine) = ([zeros(), zeros()], [zeros(), zeros()]);
-        // Rings are processed in batches, since all runs together would take as much memory as the table they are
-        // copied to.
+        // Rings are processed in batches, because all runs together would take as much memory as the table to which
+        // they are copied.
         let together = RUN * rayon::current_num_threads();
         for start in (0..rings).step_by(together) {
             let batch = &directions[start..rings.min(start + together)];
@@ -130,7 +132,7 @@ fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &
 }
 
 /// Copies the sums (rings of the run, k) of one run to their places among the sums (rings, k) of all rings, and
-/// multiplies them by the factors of c and d.
+/// multiplies them by the factors that turn them into the Fourier coefficients c_k or d_k (see the [module](self)).
 fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
     let rings = factors.len();
     for (k, (out, sums)) in out.chunks_exact_mut(rings).zip(sums.chunks_exact(rows)).enumerate() {
@@ -165,8 +167,8 @@ struct Run {
     rows: usize,
     /// Legendre functions (rings, m) of each l, column-major.
     legendre: Vec<Vec<f64>>,
-    /// Sums `sum_l s_{l,k} P_{l,k}` (rings, k) for each parity of l, column-major. `sine` contains the sums with
-    /// `s_{l,-k}`.
+    /// Sums `sum_l s_{l,k} P_{l,k}` (rings, k) over the moments s, for each parity of l, column-major. `sine` contains
+    /// the sums with `s_{l,-k}`.
     cosine: [Vec<f64>; 2],
     sine: [Vec<f64>; 2],
 }

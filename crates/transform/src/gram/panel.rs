@@ -1,11 +1,12 @@
-//! Computes the requested rows for the columns of a few orders m', in a sequence that uses caches well, and writes the
-//! sums to their places.
+//! Computes the requested rows of the Gram matrix, in the columns of a few orders m'. The sums are computed in a
+//! sequence that uses caches well, and are written to their places in the matrix.
 //!
-//! The orders m of the rows are processed in panels: the c and d of a panel for all the m', and the Legendre functions
-//! of three degrees l, then stay in a core's L2 cache while they are multiplied with every l'. The Legendre table,
-//! which may be larger than any cache, is read once. Rows of one degree and sign are contiguous in the matrix, so a
-//! panel's sums are written down a column in runs as long as the panel: 40 orders at degree 100 if there is one m' at a
-//! time, as for the whole matrix.
+//! The orders m of the rows are processed in panels. The Fourier coefficients c and d (see [`gram`](super)) of a panel
+//! for all orders m', and the Legendre functions of three degrees l, stay in a core's L2 cache while they are
+//! multiplied with every degree l'. The Legendre table, which may be larger than any cache, is read once. In a column
+//! of the matrix, the rows of one degree and sign are contiguous, so a panel's sums are written to the column in runs
+//! as long as the panel. To compute the whole matrix, one m' is processed at a time, and a panel has 40 orders at
+//! degree 100.
 
 use std::ops::Range;
 
@@ -15,7 +16,8 @@ use spharm_harmonics::index::degree_order;
 use super::kernel::{KINDS, LANES, Lanes, ROWS, Row, products, strip};
 use super::measure::Measure;
 
-/// Largest number of bytes of c and d in a panel; suits L2 caches of 1 MiB or more.
+/// Largest size in bytes of the Fourier coefficients for a panel of orders m (`c_k` and `d_k` in [`gram`](super)). The
+/// value suits L2 caches of 1 MiB or more.
 const WAVE_BYTES: usize = 256 << 10;
 
 /// The requested rows.
@@ -41,21 +43,22 @@ impl Part<'_> {
     }
 }
 
-/// Columns of one absolute order, ascending in degree.
+/// Columns of the basis with the orders m and -m, where m is `order`, ascending in degree.
 #[derive(Debug)]
 pub(super) struct Columns<'a> {
     pub(super) order: usize,
     pub(super) parts: Vec<Part<'a>>,
 }
 
-/// Returns the largest number of orders in a task for which c and d, of both parities, fit in a panel of eight orders
-/// m.
+/// Returns the largest number of orders m' that a task may process. For these orders and a panel of eight orders m, the
+/// Fourier coefficients c and d (see [`gram`](super)) of both parities may take up to [`WAVE_BYTES`] bytes.
 pub(super) const fn most_orders(rings: usize) -> usize {
     let orders = WAVE_BYTES / window_bytes(rings);
     if orders == 0 { 1 } else { orders }
 }
 
-/// Returns the bytes of c and d of both parities, in the windows at m - m' and at m + m'.
+/// Returns the size in bytes of the Fourier coefficients c and d (see [`gram`](super)), of both parities, for the
+/// windows m - m' and m + m'.
 const fn window_bytes(rings: usize) -> usize {
     8 * rings * size_of::<Lanes>()
 }
@@ -84,7 +87,8 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
             let mut rest = legendre.as_slice();
             for Columns { order, parts } in &mut *orders {
                 let own = rest.split_off(..parts.len() * rings).unwrap_or_default();
-                // Degrees with l + l' of one parity share c and d.
+                // Pairs of degrees l, l' with an even sum share one set of Fourier coefficients, and pairs with an odd
+                // sum share another.
                 for parity in 0..2 {
                     let wanted = |degree: usize| (degree + highest) % 2 == parity && !(rows.lower && degree > highest);
                     taken.clear();
@@ -130,7 +134,7 @@ impl Rows {
         groups
     }
 
-    /// Returns the blocks of eight absolute orders in which degree `l` has rows of the range.
+    /// Returns the blocks of eight absolute orders that contain an order of degree `l` whose row is in `range`.
     fn blocks(&self, l: usize) -> Range<usize> {
         let (centre, low, high) = (column(l, 0), column(l, -(l as isize)), column(l, l as isize));
         let (start, end) = (low.max(self.range.start), high.min(self.range.end - 1));

@@ -41,7 +41,7 @@ fn direct(max_degree: usize, directions: &[[f64; 3]], weights: &[f64]) -> Vec<f6
     let (n, size) = (directions.len(), basis_size(max_degree));
     let basis = basis(max_degree, directions);
     let weighted: Vec<f64> = basis.chunks_exact(n).flat_map(|a| a.iter().zip(weights).map(|(a, w)| a * w)).collect();
-    // The product is stored row-major, which makes no difference, since the matrix is symmetric.
+    // The product is stored row-major. This makes no difference, because the matrix is symmetric.
     let mut gram = vec![0.0; size * size];
     accumulate_adjoint(Matrix::new(&basis, n, size, n), Matrix::new(&weighted, n, size, n), &mut gram);
     gram

@@ -20,8 +20,8 @@
 //! | 10 per coefficient, half of them in a clump | 136 | 25 |
 //! | 10 per coefficient and a gap of radius 10 / L | 265 | 132 |
 //!
-//! With 40 random samples per coefficient, 17 iterations become 11, which doesn't pay off; on even samplings nothing is
-//! gained.
+//! With 40 random samples per coefficient, M reduces the iterations from 17 to 11, which doesn't pay off. On even
+//! samplings, M saves no time.
 
 #[cfg(test)]
 mod tests;
@@ -35,29 +35,34 @@ use super::on_grid::OnGrid;
 use super::ring_grid::{RingGrid, Size};
 use crate::TransformError;
 
-/// The scale at which the density is smoothed, c: values from 1.1 to 1.3 need the fewest iterations.
+/// The factor c in the exponent of the density's smoothing, `exp(-(c l / L)^2 / 2)`. The iterations are fewest with c
+/// from 1.1 to 1.3.
 const SMOOTHING: f64 = 1.2;
-/// Lower bound on the density, relative to its mean.
+/// Densities below this share of the mean density are replaced by this share of the mean density.
 const FLOOR: f64 = 0.05;
-/// Standard deviation of the smoothed density, relative to its mean, above which the saved iterations outweigh the cost
-/// of applying the inverse. Random samples have this deviation at 11 samples per coefficient.
+/// The iterations that the inverse saves outweigh the cost of applying it if the standard deviation of the smoothed
+/// density, relative to its mean, is above this value. Random samples have this deviation at 11 samples per
+/// coefficient.
 const UNEVEN: f64 = 0.25;
-/// Standard deviation of the smoothed density, relative to its mean, below which the sampling is treated as even.
-/// Random samples have this deviation at 70 samples per coefficient.
+/// The sampling is treated as even if the standard deviation of the smoothed density, relative to its mean, is below
+/// this value. Random samples have this deviation at 70 samples per coefficient.
 const EVEN: f64 = 0.1;
-/// Bound on the density, relative to its mean. If the standard deviation is from `EVEN` to `UNEVEN`, the inverse pays
-/// off only if the density is below this bound somewhere.
+/// If the standard deviation is from `EVEN` to `UNEVEN`, the inverse pays off only if the smoothed density is somewhere
+/// below this fraction of its mean.
 const SPARSE: f64 = 0.3;
-/// Largest fraction of the sphere on which the density may be below the floor.
+/// The inverse isn't used if the smoothed density is below [`FLOOR`] times its mean on more than this fraction of the
+/// sphere.
 const GAPS: f64 = 0.02;
-/// The scale c of the smoothing by which large gaps are found, with a radius of some 15 / L or more. Functions within
-/// such a gap are ultimately undetermined, and their values after some iterations depend on the preconditioner.
+/// The scale c of the smoothing that reveals large gaps, whose radius is about 15 / L or more. A sampling with such a
+/// gap gets no inverse, because functions within the gap are undetermined, and their values after some iterations would
+/// depend on the preconditioner.
 const GAP_SMOOTHING: f64 = 6.0;
 
 /// An approximate inverse of the normal operator of an uneven sampling, from the moments of its weights.
 #[derive(Debug)]
 pub struct InverseDensity {
-    /// The operator `A_g^T D A_g`, with the elements `q_g / S~(g)` on the diagonal of D.
+    /// The operator `A_g^T D A_g` on a grid, where D is the diagonal matrix of the quotients `q_g / S~(g)` (see the
+    /// [module](self)).
     on_grid: OnGrid,
     condition: f64,
 }
@@ -80,7 +85,8 @@ impl InverseDensity {
             return Ok(None);
         }
         let floor = FLOOR * mean;
-        // After smoothing with `GAP_SMOOTHING`, nothing significant is left beyond degree L.
+        // Smoothing with `GAP_SMOOTHING` makes the degrees above L negligible, so the moments up to degree L suffice
+        // for this check.
         let low = max_degree.div_ceil(2);
         let of_low = &moments[..basis_size(2 * low)];
         if Smoothed::new(low, of_low, &smoothing(max_degree, GAP_SMOOTHING))?.below(floor) > 0.0 {
@@ -116,7 +122,7 @@ impl InverseDensity {
         self.condition
     }
 
-    /// Computes `M r` for coefficients r. Both r and the result have shape (K, c).
+    /// Applies the approximate inverse M to coefficients r. Both r and the result `M r` have shape (K, c).
     ///
     /// # Errors
     ///
@@ -134,7 +140,7 @@ struct Smoothed {
 
 impl Smoothed {
     /// Evaluates the density on the grid for degree L. Each moment, to degree 2L, is multiplied by the factor of its
-    /// degree; there must be factors to degree 2L at least.
+    /// degree. `factors` must extend to degree 2L at least.
     fn new(max_degree: usize, moments: &[f64], factors: &[f64]) -> Result<Self, TransformError> {
         let (grid, twice) = RingGrid::new(max_degree, Size::Coarse)?;
         let density = grid.function(&twice, moments, Some(&factors[..=2 * max_degree]));
@@ -152,7 +158,7 @@ impl Smoothed {
     }
 }
 
-/// Returns the smoothing factor of each degree up to 2L for a scale c.
+/// Returns the factor `exp(-(scale l / L)^2 / 2)` by which smoothing multiplies each degree l up to 2L.
 fn smoothing(max_degree: usize, scale: f64) -> Vec<f64> {
     let scale = scale / max_degree.max(1) as f64;
     (0..=2 * max_degree).map(|l| (-0.5 * (scale * l as f64).powi(2)).exp()).collect()

@@ -20,13 +20,14 @@ pub(super) struct Sizes {
     pub(super) called: usize,
 }
 
-/// The operator `A_g^T D A_g`: a grid and the diagonal of D.
+/// The operator `A_g^T D A_g`, with A_g the basis at the points of a grid, stored as the grid and the diagonal of D.
 #[derive(Debug)]
 pub(super) struct OnGrid {
     grid: RingGrid,
-    /// The diagonal of D. Real parts belong to northern rings, and imaginary parts to southern rings.
+    /// The diagonal of the matrix D: real parts for the points of northern rings, imaginary parts for their mirror
+    /// images on southern rings.
     diagonal: Vec<Complex64>,
-    /// Working memory of earlier calls, reused by later ones.
+    /// Working memory of earlier calls, reused by later calls.
     spaces: Pool<Workspace>,
     tasks: Pool<Task>,
 }
@@ -36,7 +37,8 @@ impl OnGrid {
         Self { grid, diagonal, spaces: Pool::default(), tasks: Pool::default() }
     }
 
-    /// Returns the sizes for a grid of `rings` pairs of rings, a multiple of 8, of up to `points` points each.
+    /// Returns the memory sizes of the operator for a grid of `rings` pairs of rings with up to `points` points each.
+    /// `rings` is a multiple of 8.
     pub(super) const fn sizes(
         max_degree: usize,
         rings: usize,
@@ -45,9 +47,11 @@ impl OnGrid {
         threads: usize,
     ) -> Sizes {
         let orders = max_degree + 1;
-        // Bytes of `alpha`, `scale`, pairs of degrees, powers, and the points of all pairs of rings.
+        // Bytes of the Legendre tables (`alpha`, `scale`, the factors for pairs of degrees, and the powers of the
+        // sine), and of the points of all pairs of rings.
         let held = 18 * orders * (orders + 1) + 80 * orders + 8 * orders * rings + 16 * rings * points;
-        // Bytes of the tables for twice the degree, and of the sums that are computed with these tables.
+        // Bytes used only during construction: the tables for functions of degree 2L, and the sums that are computed
+        // with these tables.
         let made =
             18 * 2 * orders * (2 * orders + 1) + 160 * orders + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };
@@ -72,7 +76,7 @@ impl OnGrid {
         let all = x.ncols();
         let x = x.as_standard_layout();
         let x = x.as_slice().unwrap_or_default();
-        // Groups of channels are independent: if there are several, each thread processes its own.
+        // Groups of channels are independent: if there are several groups, each thread processes groups of its own.
         out.axis_chunks_iter_mut(Axis(1), CHANNELS).into_par_iter().enumerate().with_max_len(1).for_each(
             |(group, out)| {
                 let x = SomeColumns { values: x, all, first: group * CHANNELS };

@@ -1,14 +1,16 @@
 //! Defines the Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an
-//! [`InverseDensity`](super::InverseDensity): coefficients to rings, a product at the grid's points, and rings to
-//! coefficients.
+//! [`InverseDensity`](super::InverseDensity). These operators transform coefficients to values on the grid's rings,
+//! multiply the values at the grid's points by a function, and transform the products back to coefficients.
 //!
-//! Rings come in pairs, a northern one and its mirror: their values are the sum and the difference of the sums over
-//! even and over odd `l - m` that [`Legendre`] computes. Both are real, so one complex Fourier transform serves a pair:
-//! the northern ring is the real part and the southern one the imaginary part.
+//! Rings come in pairs, a northern ring and its mirror image. [`Legendre`] computes the sums over even and over odd
+//! `l - m`. The values on the northern ring are the sum of these two sums, and the values on the southern ring are
+//! their difference. The values on both rings are real, so one complex Fourier transform serves a pair: the northern
+//! ring is the real part, and the southern ring is the imaginary part.
 //!
-//! On a ring next to a pole orders above some `m(theta)` are negligible. A product of three functions of orders up to
-//! a, b and a needs `2 a + b + 1` points to be integrated exactly, so such a ring has fewer points than the equator: a
-//! third fewer over the sphere. If the integration needn't be exact, there can be fewer rings and points.
+//! On a ring next to a pole, orders above some `m(theta)` are negligible. A product of three functions of orders up to
+//! a, b and a needs `2 a + b + 1` points to be integrated exactly, so rings next to the poles have fewer points than
+//! the equator. This saves a third of the points of the sphere. If the integration needn't be exact, fewer rings and
+//! points suffice.
 
 use std::sync::Arc;
 
@@ -25,11 +27,12 @@ use crate::legendre::{Legendre, SomeColumns, Work};
 use crate::pool::Pool;
 use crate::ring_table::LANES;
 
-/// Value of `P_{l,m}` below which a term changes no digit of a sum.
+/// A term whose `P_{l,m}` is below this value changes no digit of a sum.
 const NEGLIGIBLE: f64 = 1e-18;
 /// Number of channels that share Legendre functions and fit in the cache together.
 pub(super) const CHANNELS: usize = 3;
-/// A ring's number of points is the next smooth multiple of this step, so that there are few sizes and few plans.
+/// The number of points of a ring is rounded up to a multiple of this step that has only small prime factors. Rings
+/// then have few different sizes, which need few plans of Fourier transforms.
 const STEP: usize = 4;
 
 /// The grid and everything that depends only on the degree.
@@ -38,23 +41,24 @@ pub(super) struct RingGrid {
     legendre: Legendre,
     pairs: Vec<RingPair>,
     gauss: GaussLegendre,
-    /// Number of complex values of scratch space that the Fourier transform of any pair needs, besides the pair's
-    /// points.
+    /// Number of complex values of scratch space that the Fourier transform of a pair of rings needs in addition to the
+    /// pair's points. It suffices for any pair.
     scratch: usize,
 }
 
 /// Resolution of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Size {
-    /// Integrates products of two functions of degree L and one of degree 2L exactly.
+    /// Integrates products of two functions of degree L and one function of degree 2L exactly.
     Exact,
-    /// Has 5/4 of the rings and points that resolve functions of degree L. Products with a function are close to the
-    /// exact ones, at about half the cost.
+    /// Has 5/4 of the rings and points that are needed to resolve functions of degree L. Multiplying a function of
+    /// degree L by a density on this grid costs about half as much as on the exact grid, and the result is nearly the
+    /// same.
     Coarse,
 }
 
 impl Size {
-    /// Returns the index of the pair that is the equator; pairs are counted from the pole.
+    /// Returns the index of the pair of rings at the equator. Pairs are numbered from the poles.
     pub(super) const fn last_pair(self, max_degree: usize) -> usize {
         match self {
             Self::Exact => max_degree,
@@ -62,8 +66,8 @@ impl Size {
         }
     }
 
-    /// Returns the number of points that a ring needs for functions of `orders` orders and a density of `of_density`
-    /// orders.
+    /// Returns the number of points that a ring needs. `orders` and `of_density` are the numbers of orders that aren't
+    /// negligible on the ring, for functions of degree L and for the density of degree 2L.
     const fn points(self, orders: usize, of_density: usize) -> usize {
         match self {
             Self::Exact => 2 * (orders - 1) + of_density,
@@ -72,13 +76,13 @@ impl Size {
     }
 }
 
-/// A northern ring and its mirror; the equator is its own mirror.
+/// A northern ring and its mirror image. The equator is its own mirror image.
 struct RingPair {
     /// Number of points of each of the two rings.
     points: usize,
-    /// Index of the pair's first point among the points of all pairs.
+    /// Index of the first point of this pair of rings among the points of all pairs.
     first: usize,
-    /// Number of orders, from 0 on, that aren't negligible.
+    /// Number of orders, from 0 on, that aren't negligible on these rings.
     orders: usize,
     forward: Arc<dyn Fft<f64>>,
     inverse: Arc<dyn Fft<f64>>,
@@ -90,8 +94,9 @@ pub(super) struct Workspace {
     /// Legendre sums, the input of the Fourier transforms: for each order an array (pairs of rings, 2 c) of sums over
     /// even `l - m`, then one of sums over odd `l - m`.
     by_order: Vec<f64>,
-    /// Output of the Fourier transforms, from which coefficients are computed: for each run of [`LANES`] pairs and each
-    /// order an array (pairs, 4 c), even sums first.
+    /// Output of the Fourier transforms, from which coefficients are computed: for each run of [`LANES`] pairs of rings
+    /// and each order an array (pairs, 4 c), column-major, for c channels. The first 2 c columns are for even `l - m`,
+    /// the others for odd `l - m`.
     by_ring: Vec<f64>,
     /// Coefficients sorted by order: for each m an array (L + 1 - m, 2 c), row-major.
     coefficients: Vec<f64>,
@@ -102,7 +107,8 @@ pub(super) struct Workspace {
 pub(super) struct Task {
     /// Coefficients (L + 1 - m, 2 c) of an order, row-major.
     x: Vec<f64>,
-    /// Sums (pairs of rings, 2 c) of an order, column-major: those over even, then those over odd `l - m`.
+    /// Sums (pairs of rings, 2 c) of an order, column-major: first the sums over even `l - m`, then the sums over odd
+    /// `l - m`.
     sums: Vec<f64>,
     /// Points of a pair of rings.
     circle: Vec<Complex64>,
@@ -147,13 +153,13 @@ impl RingGrid {
         self.max_degree
     }
 
-    /// Returns the number of points of all pairs.
+    /// Returns the sum, over all pairs of rings, of the number of points on one ring of the pair.
     pub(super) fn points(&self) -> usize {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// Evaluates the function S at the points, from its moments to degree 2L, each multiplied by the factor of its
-    /// degree. Real parts are values on northern rings, and imaginary parts values on southern rings.
+    /// Evaluates at the points the function whose coefficients are the moments to degree 2L, each multiplied by the
+    /// factor of its degree. Real parts are values on northern rings, and imaginary parts values on southern rings.
     pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
         let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
@@ -174,8 +180,7 @@ impl RingGrid {
             let pair = &self.pairs[j];
             for m in 0..twice.orders(j) {
                 let at = |column: usize| sums[(4 * m + column) * rings + j];
-                // Orders that are aliases of each other on the points add up, so that the values at the points are
-                // right.
+                // Orders that are aliases of each other have equal values at the points, so their terms are added.
                 let [plus, minus] = pair.spectrum(m, [at(0), at(1), at(2), at(3)]);
                 points[m % pair.points] += plus;
                 if m > 0 {
@@ -187,12 +192,12 @@ impl RingGrid {
         values
     }
 
-    /// Calls `change` with the quadrature weights of each point and its mirror, and with their values. The equator's
-    /// mirror has weight zero, since it is the equator itself.
+    /// Calls `change` for each point, with the quadrature weights of the point and of its mirror image, and with the
+    /// values at both. The equator's mirror image has weight zero, because it is the equator itself.
     pub(super) fn weigh(&self, values: &mut [Complex64], change: impl Fn([f64; 2], &mut Complex64) + Sync) {
         self.of_pairs(values).into_par_iter().enumerate().for_each(|(j, points)| {
             let weight = self.gauss.weights[j] * std::f64::consts::TAU / points.len() as f64;
-            // The equator is its own mirror, and is weighed once.
+            // The equator is its own mirror image, and is weighted once.
             let mirror = if j + 1 == self.pairs.len() { 0.0 } else { weight };
             points.iter_mut().for_each(|point| change([weight, mirror], point));
         });
@@ -209,8 +214,8 @@ impl RingGrid {
         parts
     }
 
-    /// Computes `A_g^T diag(density) A_g x` and writes the result to `out` (K, c). The columns of x used are c columns
-    /// starting with `x.first`.
+    /// Computes `A_g^T diag(density) A_g x` and writes the result to `out` (K, c). The product uses the c columns of x
+    /// from `x.first` on.
     pub(super) fn product(
         &self,
         density: &[Complex64],
@@ -344,14 +349,15 @@ impl RingPair {
         if m == 0 {
             return [Complex64::new(north.re, south.re); 2];
         }
-        // The spectrum of north + i south: of each ring's order m, half is at m and half at -m.
+        // The spectrum of north + i south. The values on each ring are real, so half of the ring's coefficient of order
+        // m is at m, and the conjugate of this half is at -m.
         [
             Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re)),
             Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im)),
         ]
     }
 
-    /// Puts order m into the spectrum of the pair.
+    /// Writes order m to the common spectrum of the pair's two rings.
     #[inline(always)]
     fn put(&self, m: usize, sums: [f64; 4], spectrum: &mut [Complex64]) {
         let [plus, minus] = self.spectrum(m, sums);
@@ -361,7 +367,7 @@ impl RingPair {
         }
     }
 
-    /// Reads order m from the spectrum of the pair: the transpose of [`put`](Self::put).
+    /// Reads order m from the common spectrum of the pair's two rings: the transpose of [`put`](Self::put).
     #[inline(always)]
     fn take(&self, m: usize, spectrum: &[Complex64]) -> [f64; 4] {
         if m == 0 {

@@ -5,8 +5,8 @@ use spharm_harmonics::{Directions, basis_size};
 
 use crate::{Transform, TransformError, TransformParams};
 
-/// The sums over samples that determine a least-squares fit to degree L: `(2L + 1)^2 + c (L + 1)^2` values and a few
-/// more, whatever the number of samples. Sums over parts of the samples can be added.
+/// The sums over samples that determine a least-squares fit to degree L. They consist of `(2L + 1)^2 + c (L + 1)^2`
+/// values and a few more, regardless of the number of samples. Sums over parts of the samples can be added.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleSums {
     /// Highest degree of a fit, L.
@@ -24,8 +24,8 @@ pub struct SampleSums {
 }
 
 impl SampleSums {
-    /// Computes the sums of samples `values` (n, c) at n directions, with `weights` (n). Without weights, w = 1.
-    /// `accuracy` is a relative accuracy, as for a [`Transform`].
+    /// Computes the sums of samples `values` (n, c) at n directions, with `weights` (n). If no weights are given,
+    /// w = 1. `accuracy` is a relative accuracy, as for a [`Transform`].
     ///
     /// Takes one pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
     ///

@@ -81,7 +81,7 @@ fn one_direction_anywhere() {
             let x = numbers(3, basis_size(degree), 1);
             let operator = MomentOperator::new(degree, &moments(&directions, &[-2.5], degree)).unwrap();
             let expected = direct(&basis(&directions, degree), &[-2.5], &x);
-            // The error is relative to the operator's norm, since x may be nearly orthogonal to the only eigenvector
+            // The error is relative to the operator's norm, because x may be nearly orthogonal to the only eigenvector
             // with a nonzero eigenvalue.
             let scale = 2.5 * basis_size(degree) as f64 / (4.0 * std::f64::consts::PI) * norm(&x);
             let off = norm(&(operator.apply(x.view()).unwrap() - expected)) / scale;
@@ -252,8 +252,8 @@ proptest! {
         prop_assert!(of(&x, &nx) >= -1e-15 * scale);
     }
 
-    /// Rotating about the axis and then applying the operator of rotated directions equals applying the operator and
-    /// then rotating.
+    /// Rotating about the axis and then applying the operator of the rotated directions equals applying the operator
+    /// and then rotating.
     #[test]
     fn turned_directions_turn_the_operator(degree in 0usize..16, angle in -3.0f64..3.0, seed in 0usize..1_000_000) {
         let directions = scattered(seed, 50);

@@ -21,10 +21,11 @@ const RUN: usize = 4096;
 /// this number.
 const STEP: usize = 8;
 
-/// A part of a node's patch: its columns from `COLUMNS * part` on, `COLUMNS` of them, in the rows of one strip.
+/// A part of a node's patch (the sum of the kernels of the node's samples), in the rows of one strip of the grid. It
+/// has `COLUMNS` columns, beginning with column `COLUMNS * part` of the patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Piece {
-    /// First column in units of [`STEP`] columns, without margin.
+    /// First column of the piece in units of [`STEP`] columns, not counting the grid's margin.
     column: u32,
     node: u32,
     part: u32,
@@ -33,12 +34,12 @@ pub(super) struct Piece {
 /// The grid points under a node's kernels.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
-    /// Index of the first row, margin included.
+    /// Index of the first row, counting the rows of the grid's margin.
     row: u32,
     rows: u32,
     /// First column, a multiple of [`STEP`] from 0 to the grid's size.
     column: u32,
-    /// Number of pieces; they may extend around the sphere.
+    /// Number of pieces of the node's patch. Pieces beyond the grid's last column continue at its first column.
     pieces: u32,
 }
 
@@ -55,7 +56,8 @@ impl Extent {
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) nodes: [u32; 3],
-    /// Sums `sum_i w_i lambda_ij lambda_ik` for the corners j and k <= j, row by row.
+    /// Sums `sum_i w_i lambda_ij lambda_ik` over the samples i, for the corners j and k <= j, row by row. Sample i has
+    /// the weight `w_i` and the barycentric coordinates `lambda_i`.
     pub(super) products: [f64; 6],
     /// Index of the triangle's first sample. Its samples end before the first sample of the next element.
     first: usize,
@@ -77,7 +79,7 @@ pub(super) struct Incidence {
     /// For each node, the indices of its triangles, each with the corner at which the node is.
     elements_of: Vec<(u32, u32)>,
     extents: Vec<Extent>,
-    /// The pieces on each strip of the grid, from west to east.
+    /// The pieces of the nodes' patches on each strip of the grid, from west to east.
     strips: Vec<Vec<Piece>>,
 }
 
@@ -151,7 +153,8 @@ impl Incidence {
         }
     }
 
-    /// Lists the triangles of each of the `nodes` nodes, and the pieces of their patches on each strip.
+    /// Lists the triangles of each of the `nodes` nodes. For each strip of the grid, lists the pieces of the nodes'
+    /// patches in this strip.
     pub(super) fn sort(&mut self, nodes: usize) {
         self.first = vec![0; nodes + 1];
         for &node in self.elements.iter().flat_map(|element| &element.nodes) {
@@ -183,7 +186,8 @@ impl Incidence {
         self.strips.par_iter_mut().for_each(|pieces| pieces.sort_unstable());
     }
 
-    /// Calls `found` with each of a node's samples and with the node's weight in the sample.
+    /// Calls `found` for each sample whose value depends on a node. The arguments are the sample's index, and the
+    /// weight of the node's value in the sample's value.
     #[inline]
     fn each_sample(&self, node: usize, mut found: impl FnMut(usize, f64)) {
         for &(element, corner) in &self.elements_of[self.first[node]..self.first[node + 1]] {
@@ -207,7 +211,7 @@ impl Incidence {
         self.each_sample(node, |sample, _| {
             let [row, column] = self.corner(sample, margin);
             rows = [rows[0].min(row), rows[1].max(row)];
-            // Column offset from the first sample, the shorter way around.
+            // Column offset from the first sample, along the shorter way around the sphere.
             let away = column - *origin.get_or_insert(column);
             let away = within(away + around / 2, around) - around / 2;
             columns = [columns[0].min(away), columns[1].max(away)];
@@ -224,7 +228,7 @@ impl Incidence {
         }
     }
 
-    /// Computes some of the pieces on a strip.
+    /// Computes the patches' values for the given pieces, which are all in strip `strip`.
     pub(super) fn patches(&self, strip: usize, pieces: &[Piece], out: &mut Patches) {
         out.tiles.clear();
         out.nodes.clear();
@@ -252,8 +256,8 @@ impl Incidence {
         }
     }
 
-    /// Adds the kernels of the samples of `piece`'s node to the rows of `piece`, the first of which is row `first_row`
-    /// of the strip. `places[i]` is the index in `values` of the i-th row.
+    /// Adds the kernels of the samples of `piece`'s node to the rows of `piece`. The i-th of these rows is row
+    /// `first_row + i` of the strip, and is stored in `values` at index `places[i]`.
     fn add_kernels(
         &self,
         piece: Piece,

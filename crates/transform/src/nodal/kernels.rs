@@ -1,4 +1,5 @@
-//! Sums the kernels of a node's samples in registers, by a small matrix product for each piece of a patch.
+//! Sums the kernels of a node's samples to the node's patch (see [`nodal`](super)). Each [piece](super::incidence) of a
+//! patch is computed by a small matrix product in registers.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -7,11 +8,12 @@ use crate::batch::{BATCH, Batch};
 use crate::kernel::MAX_WIDTH;
 use crate::lanes::{fused, load};
 
-/// Kernels of some samples over the rows of a strip and the columns of a piece, with space for the parts of kernels
-/// that extend beyond these rows and columns.
+/// Kernels of some samples over the rows of a strip and the columns of a piece of a node's patch, with space for the
+/// parts of kernels that extend beyond these rows and columns.
 pub(super) struct Kernels {
     pub(super) batch: Batch,
-    /// Kernel values along rows, times the node's weights in the samples.
+    /// For each sample of a node, the kernel's values at the strip's rows, multiplied by the node's weight in the
+    /// sample.
     rows: [[f64; MAX_WIDTH + ROWS + MAX_WIDTH]; BATCH],
     columns: [[f64; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
 }
@@ -25,8 +27,9 @@ impl Kernels {
         }
     }
 
-    /// Copies the batch's kernel values into `rows` and `columns`, so that each kernel starts at its corner (row of the
-    /// strip, column of the piece), which may be negative. The values by row are multiplied by `counts`.
+    /// Copies the batch's kernel values into `rows` and `columns`, so that each kernel starts at its corner. A corner
+    /// is a row of the grid's strip and a column of the patch's piece; both may be negative. The values in `rows` are
+    /// multiplied by `counts`.
     pub(super) fn shift(&mut self, corners: &[[isize; 2]], counts: &[f64]) {
         for (i, (&[down, along], count)) in corners.iter().zip(counts).enumerate() {
             let at = |from: isize| MAX_WIDTH.saturating_add_signed(from);
@@ -42,8 +45,8 @@ impl Kernels {
     }
 }
 
-/// Adds `count` kernels to the rows of a piece, starting with row `first_row` of the strip. `places` are the indices of
-/// these rows among the values.
+/// Adds the first `count` kernels to consecutive rows of a piece. The first of these rows is row `first_row` of the
+/// strip, and `places` has each row's index in `values`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_kernels(
     kernels: &Kernels,
@@ -82,7 +85,7 @@ fn add_to_rows<const R: usize, const FMA: bool>(
     for (rows, columns) in kernels.rows[..count].iter().zip(&kernels.columns) {
         let rows: [f64; R] = load(rows, MAX_WIDTH + row);
         let columns: [f64; COLUMNS] = load(columns, MAX_WIDTH);
-        // The inner loop runs over rows. With the loops exchanged, the compiler emits gathers.
+        // The inner loop runs over rows. With the loops exchanged, the compiler emits gather instructions.
         for (k, column) in columns.iter().enumerate() {
             for (sums, row) in sums.iter_mut().zip(&rows) {
                 sums[k] = fused::<FMA>(*row, *column, sums[k]);

@@ -1,4 +1,5 @@
-//! Stores patches in the order in which they are added to a grid: strip by strip, tile by tile, row by row.
+//! Stores patches (see [`nodal`](super)) in the order in which they are added to a grid: strip by strip, tile by tile,
+//! row by row.
 
 /// Number of columns of a piece: three vectors of eight.
 pub(super) const COLUMNS: usize = 24;
@@ -6,13 +7,15 @@ pub(super) const COLUMNS: usize = 24;
 /// Number of rows of the grid that are processed together.
 pub(super) const ROWS: usize = 32;
 
-/// Pieces of patches on a strip of the grid, in the order in which they are added. Their values are weights of nodes.
+/// The pieces of the nodes' patches (see [`nodal`](super)) that lie in a strip of the grid, in the order in which they
+/// are added to the grid. A piece's value at a grid point is the factor with which the node's value is added to this
+/// point.
 #[derive(Debug, Default)]
 pub(super) struct Patches {
     pub(super) tiles: Vec<Tile>,
     /// The nodes of the tiles' rows.
     pub(super) nodes: Vec<u32>,
-    /// Weights (nodes, [`COLUMNS`]) of the nodes in each column.
+    /// For each entry of `nodes`, the node's weights in the [`COLUMNS`] columns of the tile.
     pub(super) values: Vec<[f64; COLUMNS]>,
 }
 

@@ -9,6 +9,7 @@ pub struct NodalSamples<'a> {
     pub weights: &'a [f64],
     /// Indices (n, 3) of the three nodes of each sample.
     pub nodes: &'a [[u32; 3]],
-    /// Weights (n, 3) by which the values at a sample's three nodes are multiplied in the sample's value.
+    /// Weights (n, 3) of the three nodes of each sample. The sample's value is the sum of the nodes' values multiplied
+    /// by these weights.
     pub shares: &'a [[f64; 3]],
 }

@@ -1,5 +1,5 @@
-//! Multiplies patches by the values of their nodes and adds them to a grid, by a small matrix product for each row of a
-//! tile.
+//! Adds patches to a grid. A patch is the sum of the kernels around a node, and is multiplied by the node's values.
+//! Each row of a tile of the grid is computed by a small matrix product.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -7,8 +7,8 @@ use super::patches::{COLUMNS, Patches};
 use crate::grid::Layout;
 use crate::lanes::{fused, load};
 
-/// Adds each patch times the values of its node to the rows of a strip. A node has `stride` values, of which the first
-/// are those of the layout's channels.
+/// Multiplies each patch by the values of its node, and adds the products to the rows of a strip of the grid. Each node
+/// has `stride` values, of which the first belong to the layout's channels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, values: &[f64], stride: usize) {
     for tile in &patches.tiles {
@@ -24,8 +24,7 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
                 let grid = &mut grid[channel * layout.stride + tile.column..];
                 let values = &values[channel..];
                 let fma = target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"));
-                // The number of channels processed together is limited by the registers for their sums. Each channel
-                // has its own factor.
+                // The number of channels processed together is limited by the registers for their sums.
                 channel += match (target_cfg_f!(target_feature = "avx512f"), fma, left) {
                     (true, _, 8..) => product::<COLUMNS, 8, true>(layout, grid, nodes, factors, values, stride),
                     (true, _, 3..) => product::<COLUMNS, 3, true>(layout, grid, nodes, factors, values, stride),
@@ -39,7 +38,8 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
     }
 }
 
-/// Adds to the lines of C channels the sum over nodes of each node's weights times its values. Returns C.
+/// For each of C channels, sums `factors` times the channel's value over the nodes, and adds the sum to the channel's
+/// line of the grid. Returns C.
 #[inline(always)]
 fn product<const W: usize, const C: usize, const FMA: bool>(
     layout: Layout,

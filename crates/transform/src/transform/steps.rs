@@ -66,13 +66,14 @@ impl Transform {
         layout
     }
 
-    /// Computes coefficients from the second grid, including its margins: the transpose of [`grid_of`](Self::grid_of).
+    /// Computes coefficients from the second grid of `space`, including its margins: the transpose of
+    /// [`grid_of`](Self::grid_of).
     pub(super) fn coefficients_of(&self, layout: Layout, space: &mut Workspace, out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());
         layout.fold(&mut space.grids[1]);
         self.fourier.grid_to_circles(&mut space.grids[1], layout, &mut space.spectra, &mut space.circles);
-        // Each pair of orders gets its own part of `by_order`.
+        // Each pair of an even order and the next odd order gets its own part of `by_order`.
         let mut rest = &mut space.by_order[..];
         let mut parts = Vec::with_capacity(self.fourier.order_pairs());
         for pair in 0..self.fourier.order_pairs() {

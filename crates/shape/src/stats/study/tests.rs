@@ -84,8 +84,8 @@ fn covariates_may_interact_and_bring_their_columns() {
     assert_eq!(question(&group, &[], &listed).unwrap().design.names().len(), 4);
 }
 
-/// If the subjects are a covariate, they contain the effect of the group. The interaction is the same as in a design of
-/// the subjects' levels and the interaction's own columns.
+/// If the subjects are a covariate, they contain the effect of the group. The interaction is the same as in a design
+/// that has only the subjects' levels and the interaction's own columns.
 #[test]
 fn main_effects_that_subjects_contain_are_left_out() {
     let (group, age) = ("a a a a b b b b", "1 2 2 4 9 6 7 8");
@@ -102,7 +102,7 @@ fn main_effects_that_subjects_contain_are_left_out() {
     let slope = |i: usize| if i < 4 { 0.5 } else { -0.25 };
     let values = Array2::from_shape_fn((8, 1), |(i, _)| of_subject[i / 2] + slope(i) * ages[i]);
     assert!((estimate(&slopes, &values) - 0.75).abs() < 1e-12);
-    // Each subject has the visits x, y or y, x.
+    // Each subject has two rows, for the visits x and y or for the visits y and x.
     let visit = "x y y x x y y x";
     let is_x = |i: usize| visit.as_bytes()[2 * i] == b'x';
     let change = |i: usize| if is_x(i) { 3.0 * slope(i) } else { 0.0 };
@@ -118,12 +118,12 @@ fn main_effects_that_subjects_contain_are_left_out() {
     let numbers =
         question(&interaction(("dose", "1 1 2 2 4 4 9 9"), ("age", age)), &[], std::slice::from_ref(&subject));
     assert_eq!(numbers.unwrap().design.names()[..3], ["mean", "age", "dose:age"]);
-    // As a covariate, the interaction doesn't add the group, either.
+    // If the interaction is a covariate, the design doesn't include the effect of the group either.
     let covariates = [subject.clone(), interaction(("group", group), ("age", age))];
     let found = question(&column("age", age), &[], &covariates).unwrap();
     assert_eq!(found.design.names().len(), 6);
     assert_eq!(found.contained(), [["group", "subject"].map(str::to_owned)]);
-    // A group without other ages within subjects has no slope.
+    // In group b, the age doesn't vary within subjects, so this group has no slope.
     let constant = interaction(("group", group), ("age", "1 2 2 4 9 9 7 7"));
     assert!(matches!(question(&constant, &[], &[subject]), Err(ShapeError::Rank { .. })));
 }
@@ -177,8 +177,8 @@ fn columns_that_say_nothing_are_refused() {
     assert!(matches!(question(&pairs, &[], &[column("sex", "m f m f")]), Err(ShapeError::Rank { .. })));
 }
 
-/// The mean of a group is the value of its regression line at the average age of all subjects, however slopes are
-/// modelled.
+/// The mean of a group is the value of its regression line at the average age of all subjects. This holds whether the
+/// interaction of group and age is the effect or a covariate.
 #[test]
 fn means_of_levels_are_those_of_average_subjects() {
     let (ages, groups) = ([1.0, 2.0, 3.0, 5.0, 8.0, 9.0, 9.5, 12.0], "a a a a b b b b");

@@ -1,9 +1,9 @@
 //! Runs conjugate gradients on groups of a few columns.
 //!
-//! If products process a few columns at a time anyway, each group of columns is iterated to its end separately. A
-//! group's arrays then stay in a thread's cache from one step to the next, threads wait for each other only once, and a
-//! converged group needs no further products. In a run from x = 0, a group's iterates are bit-identical to those of a
-//! solve for this group alone.
+//! If products process a few columns at a time anyway, each group of columns is iterated to its end separately. This
+//! has three advantages: a group's arrays stay in a thread's cache from one step to the next, threads wait for each
+//! other only once, and a converged group needs no further products. In a run from x = 0, a group's iterates are
+//! bit-identical to the iterates of a separate solve for this group.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -16,8 +16,8 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps) does. If the first group makes too
-    /// little progress, the other groups are left unchanged.
+    /// Iterates like [`steps`](Self::steps), but on `width` columns at a time. If the first group makes too little
+    /// progress, the other groups are left unchanged.
     ///
     /// Reports the steps of a group to the monitor when the group has ended.
     pub(super) fn steps_of_groups(
@@ -55,7 +55,8 @@ impl Cg {
             let others = groups.into_par_iter().with_max_len(1).map(run);
             ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
         }
-        // Keep the earliest best iteration of the groups that haven't converged: a restarted run may have to end there.
+        // Each group that hasn't converged has a best iteration. Keep the earliest of these, because a restarted run
+        // may have to end at that iteration.
         let before = self.iterations;
         let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
         if let Some(best_at) = left.map(|group| before + group.best_at).min() {

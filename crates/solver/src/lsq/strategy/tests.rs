@@ -76,7 +76,7 @@ fn plans_are_as_expected() {
         (dense, Moments::Makeable, Factor::None, by(Strategy::DensityCg), "make moments; moments to 3000"),
         (CORTEX, Moments::None, Factor::None, by(Strategy::DensityCg), "samples to 3000"),
         // Plans for a mask that selects fewer vertices than there are coefficients. Only a penalty makes the solution
-        // unique, so that a factor gives it.
+        // unique, so a factor is used only with a penalty.
         (undetermined, EVEN, Factor::Makeable, AUTO, "moments to 3000"),
         (undetermined, Moments::None, Factor::Makeable, AUTO, "samples to 3000"),
         (undetermined, Moments::None, STORED, AUTO, "samples to 3000"),

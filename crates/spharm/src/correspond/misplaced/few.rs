@@ -1,5 +1,6 @@
-//! Finds swapped landmarks in a group that is too small for usual places: swaps whose exchange makes the members'
-//! landmarks congruent. Surfaces aren't used, because the registration may have been guided by the landmarks.
+//! Finds swapped landmarks in a group that is too small to have usual places of landmarks. Two landmarks are treated as
+//! swapped if exchanging their names makes the members' landmarks nearly congruent. Surfaces aren't used, because the
+//! registration may have been guided by the landmarks.
 
 use spharm_surface::geometry::{Vec3, dot, sub};
 
@@ -7,20 +8,23 @@ use super::super::guide::about_their_mean;
 use super::super::together::{mean, motion};
 use super::{LandmarkCause, MENDED, MisplacedLandmarks, length, median};
 
-/// Minimum number of landmarks: of fewer landmarks, two may fit after an exchange by chance.
+/// Minimum number of landmarks. With fewer landmarks, an exchange of two landmarks may improve the fit by chance.
 const LEAST: usize = 4;
-/// Number of landmarks, those that differ most between members, whose exchanges are tried.
+/// Exchanges are tried only among this number of landmarks: the landmarks that differ most between members.
 const TRIED: usize = 20;
 /// Maximum number of exchanges.
 const EXCHANGES: usize = 3;
-/// Largest ratio of the sums of squares after and before an exchange.
+/// Two landmarks of a member are exchanged only if the exchange reduces the sum of the squared differences between the
+/// members' landmarks to this fraction or less.
 const LOWERED: f64 = 0.8;
-/// Minimum distance between the positions of a swapped landmark, relative to the median landmark after the exchange.
+/// Two landmarks are reported as swapped only if one of them is farther apart between members than this multiple of the
+/// usual distance. The distance of a landmark is the largest distance between two members' positions of it. The usual
+/// distance is the median over all landmarks after the exchange.
 const UNUSUAL: f64 = 3.0;
 /// Number of rounds of Procrustes analysis.
 const ROUNDS: usize = 5;
 
-/// Differences of the members' landmarks after Procrustes analysis of landmarks of equal size.
+/// Differences of the members' landmarks, which have been scaled to equal size and aligned by Procrustes analysis.
 struct Differences {
     /// Sum of squares about the mean.
     squares: f64,
@@ -29,7 +33,8 @@ struct Differences {
 }
 
 impl Differences {
-    /// `members` have landmarks of equal size about their means.
+    /// Computes the differences between the landmarks of `members`. Each member's landmarks must be scaled to equal
+    /// size and relative to their mean.
     fn of(members: &[Vec<Vec3>]) -> Self {
         let onto = |own: &Vec<Vec3>, to: &[Vec3]| -> Vec<Vec3> {
             let moved = motion(own, to, None, false, false);
@@ -50,14 +55,14 @@ impl Differences {
         Self { squares, apart: (0..middle.len()).map(between).collect() }
     }
 
-    /// Returns the larger difference of two landmarks.
+    /// Returns the largest distance between two members' positions of landmark k or of landmark l, whichever is larger.
     fn at(&self, [k, l]: [usize; 2]) -> f64 {
         self.apart[k].max(self.apart[l])
     }
 }
 
-/// Returns a warning if exchanges of landmarks of one member make the members' landmarks much more alike. Positions
-/// that differ by less than `far` aren't compared.
+/// Returns a warning if exchanging landmarks of one member makes the positions of these landmarks on all members much
+/// more alike. An exchange is reported only if the positions differed by more than `far` before.
 pub(super) fn swapped(positions: &[Vec<Vec3>], far: f64) -> Option<MisplacedLandmarks> {
     let count = positions.first()?.len();
     if positions.len() < 2 || count < LEAST {

@@ -1,13 +1,14 @@
 //! Finds guiding landmarks that the other guiding landmarks contradict. The corresponding points follow guiding
-//! landmarks, so the finished group doesn't show a wrong landmark; a registration without the landmark does.
+//! landmarks, so a wrong landmark isn't visible in the finished group. A registration without this landmark reveals it.
 
 use super::{LandmarkCause, MisplacedLandmarks, UNUSUAL, median};
 
-/// Minimum distance of a contradicted landmark, as a fraction of the mean surface's extent.
+/// A guiding landmark is reported only if a registration without this landmark leaves it farther from its place than
+/// this fraction of the mean surface's extent.
 const FAR: f64 = 0.1;
 
-/// Returns a warning for each member with landmarks that are far from their places when they are left out of the
-/// guiding. `distances` has the distance of each landmark for each member.
+/// Returns a warning for each member with landmarks that are far from their places in a registration that they don't
+/// guide. `distances` has the distance of each landmark for each member.
 pub(super) fn contradicted(distances: &[Vec<f64>], extent: f64) -> Vec<MisplacedLandmarks> {
     let Some(usual) = median(distances.iter().flatten().copied()) else { return Vec::new() };
     let least = (FAR * extent).max(UNUSUAL * usual);
@@ -33,7 +34,7 @@ mod tests {
         assert!(found.len() == 1 && found[0].member == 1 && found[0].far == [2], "{found:?}");
         let text = found[0].of_member(|landmark| format!("L{landmark}"));
         assert!(text.starts_with("landmarks far from the positions that the other landmarks give: L2; "), "{text}");
-        // Large errors of all landmarks are no sign of a wrong name.
+        // Large errors of all landmarks don't indicate a wrong name.
         assert!(contradicted(&[vec![5.0; 4], vec![5.0; 4]], 35.0).is_empty() && contradicted(&[], 1.0).is_empty());
     }
 }

@@ -1,4 +1,4 @@
-//! Generates boxes with bumps. A box is a superellipsoid `sum |x_i / h_i|^p = 1`; a direction is mapped to the point of
+//! Generates boxes with bumps. A box is a superellipsoid `sum |x_i / h_i|^p = 1`. A direction is mapped to the point of
 //! the superellipsoid in that direction. A bump `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` is
 //! added along z on the upper half.
 

@@ -1,5 +1,6 @@
 //! Generates groups of surfaces with known correspondence: families of shapes with one or two parameters. Each member
-//! is meshed separately, in any pose, and comes with its parameters and its corresponding points ("places").
+//! is meshed separately and gets a random pose. Its parameters and its corresponding points ("places") are returned
+//! with its mesh.
 //!
 //! | family | members | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|
@@ -12,9 +13,9 @@
 //!
 //! A single parameter varies evenly from member to member; two parameters are drawn at random. No rotation maps a
 //! member to itself, except half turns of ellipsoids and symmetries of the sharp bump's box. The places of a member are
-//! therefore determined by its shape alone, not by its mesh. A mesh is an icosphere in a random rotation, or a grid of
-//! random size and phase, with shuffled vertices and triangles. Two members have neither vertices nor triangles in
-//! common.
+//! therefore determined by its shape alone, not by its mesh. A mesh is made from an icosphere in a random rotation or,
+//! for rings, from a grid of random size and phase. The order of its vertices and triangles is shuffled. Therefore
+//! neither the vertices nor the triangles of two members correspond.
 
 mod boxes;
 mod shapes;
@@ -91,8 +92,8 @@ pub struct Group {
     pub members: u64,
     /// Seed of the poses, meshes and random parameters.
     pub seed: u64,
-    /// Number of subdivisions of the icosphere that a mesh is made from; 5 gives 10,242 vertices. Rings have at most
-    /// that many vertices.
+    /// Number of subdivisions of the icosphere that a mesh is made from; 5 gives 10,242 vertices. Meshes of rings have
+    /// at most as many vertices as this icosphere.
     pub subdivisions: u32,
     /// Whether members are left in the family's own frame, without a random pose.
     pub upright: bool,
@@ -153,8 +154,8 @@ impl Group {
         Member { mesh, parameters, rotation, translation, names, places }
     }
 
-    /// Returns the point of the shape in direction u, in the family's frame. Rings have no such points and are meshed
-    /// separately.
+    /// Returns the point of the shape in direction u, in the family's frame. Points of rings don't correspond to
+    /// directions, so rings are meshed by another function.
     fn point(&self, parameters: &[f64], u: Vec3) -> Vec3 {
         match self.family {
             Family::MovingBump => boxes::tapered(u, [parameters[0], 0.0], boxes::HEIGHT),

@@ -1,4 +1,5 @@
-//! Generates ellipsoids, rods and rings. The places on each shape depend linearly on its parameters.
+//! Generates ellipsoids, rods and rings. The position of each point of a shape depends linearly on the shape's
+//! parameters.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -13,13 +14,13 @@ const C: f64 = 8.0;
 const SHAFT: f64 = 4.0;
 const KNOB: f64 = 7.0;
 /// A rod's thickness along z relative to y (`FLAT`), the offset of the knob from the shaft's axis in mm (`OFF`), and
-/// the length of shaft over which the rod bends to that offset in mm (`BEND`). They ensure that no rotation maps a rod
-/// to itself.
+/// the length of shaft over which the rod bends to that offset in mm (`BEND`). Because of these three constants, no
+/// rotation maps a rod to itself.
 const FLAT: f64 = 0.7;
 const OFF: f64 = 3.0;
 const BEND: f64 = 8.0;
 /// Fraction of the radius by which a ring's tube is thicker on one side (`THICKER`), and the ring's warp in mm
-/// (`WARP`). They ensure that no rotation maps a ring to itself.
+/// (`WARP`). Because of these two constants, no rotation maps a ring to itself.
 const THICKER: f64 = 0.25;
 const WARP: f64 = 2.0;
 
@@ -44,7 +45,8 @@ pub(super) fn ellipsoid_places(axes: &[f64]) -> Vec<(&'static str, Vec3)> {
     at.into_iter().map(|(name, u)| (name, ellipsoid(axes, u))).collect()
 }
 
-/// Returns the x coordinate at which the shaft ends and the knob begins. Both have a circular section there.
+/// Returns the x coordinate at which the shaft ends and the knob begins. The shaft and the knob have the same circular
+/// section there.
 fn junction(length: f64) -> f64 {
     length - (KNOB * KNOB - SHAFT * SHAFT).sqrt()
 }
@@ -65,9 +67,9 @@ fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     [x, radius * angle.cos() + off, FLAT * radius * angle.sin()]
 }
 
-/// Returns the point of the rod for a direction u. The plane at right angles to x through this point divides the rod's
-/// area, before flattening, in the same proportion as the plane through u divides the sphere's area. The area of a
-/// zone of width dx is `2 pi r dx` on both the shaft's end and the knob.
+/// Returns the point of the rod for a direction u. The plane perpendicular to x through this point divides the rod's
+/// area, before flattening, in the same proportion as the plane perpendicular to x through u divides the sphere's area.
+/// The area of a zone of width dx is `2 pi r dx` on both the shaft's end and the knob.
 pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
     let all = first + KNOB * (length + KNOB - from);
@@ -103,7 +105,7 @@ fn on_ring(around: f64, across: f64, parameters: &[f64]) -> Vec3 {
 
 /// Returns a ring, meshed by a grid of random size and phase.
 pub(super) fn ring(parameters: &[f64], subdivisions: u32, random: &mut SplitMix64) -> Mesh {
-    // There are three times as many vertices around the ring as around the tube, since the ring is longer.
+    // The grid has three times as many vertices around the ring as around the tube, because the ring is longer.
     let most = icosphere_counts(subdivisions)[0] as f64;
     let across = ((most / 3.0).sqrt() * random.between(0.85, 1.0)).max(4.0) as u32;
     let around = (3.0 * f64::from(across) * random.between(0.9, 1.0)).max(4.0) as u32;

@@ -22,8 +22,8 @@ fn members_are_closed_surfaces_with_their_places_on_them() {
             let topology = Topology::of(&member.mesh);
             assert_eq!(topology.is_sphere(), family != Family::Tori, "{}", family.name());
             assert!(volume(&member.mesh) > 100.0, "{} {}", family.name(), volume(&member.mesh));
-            // Places lie on the exact shape, so their distance from the mesh is at most that of a flat facet from the
-            // shape.
+            // Places lie on the exact shape, so their distance from the mesh is at most the distance between a flat
+            // facet and the shape.
             let tree = TriangleTree::new(&member.mesh);
             for (name, place) in member.names.iter().zip(&member.places) {
                 let distance = tree.nearest(*place).unwrap().distance;
@@ -47,8 +47,8 @@ fn shapes_are_those_of_their_parameters() {
     let ellipsoid = member(Family::Ellipsoids, 2);
     let exact = 4.0 / 3.0 * std::f64::consts::PI * ellipsoid.parameters[0] * ellipsoid.parameters[1] * 8.0;
     assert!((volume(&ellipsoid.mesh) / exact - 1.0).abs() < 3e-3);
-    // Except for the zone where the knob joins, rods have an elliptic section, of area 0.7 pi r^2. The volume
-    // therefore grows by 0.7 pi r^2 per mm of length.
+    // Except near the knob, the section of a rod is an ellipse of area 0.7 pi r^2. The volume therefore grows by 0.7 pi
+    // r^2 per mm of length.
     let [short, long] = [member(Family::Rods, 0), member(Family::Rods, 7)];
     let slope = (volume(&long.mesh) - volume(&short.mesh)) / (long.parameters[0] - short.parameters[0]);
     assert!((slope / (0.7 * std::f64::consts::PI * 16.0) - 1.0).abs() < 0.02, "{slope}");
@@ -60,7 +60,8 @@ fn shapes_are_those_of_their_parameters() {
     let ring = member(Family::Tori, 1);
     let tube = ring.parameters[1];
     let exact = 2.0 * std::f64::consts::PI.powi(2) * tube * tube * ring.parameters[0];
-    // The square of the tube's radius, which varies by a quarter around the ring, is 1 + 1/32 on average.
+    // The tube's radius varies by a quarter around the ring, so the mean of its square is 1 + 1/32 times the square of
+    // its mean.
     assert!((volume(&ring.mesh) / exact - 1.0 - 1.0 / 32.0).abs() < 0.02, "{}", volume(&ring.mesh) / exact);
 }
 

@@ -80,7 +80,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
     // Minimum number of bytes per value: two in ASCII, 4/3 of the binary size in base64.
     let values = match description.encoding.as_str() {
         "ASCII" => {
-            // The last value needs no separator after it, hence the added byte.
+            // One byte is added to the length, because the last value needs no separator after it.
             let n = bounded(count, 2, text.len() + 1, "values")?;
             ascii(text, n, data_type)?
         }
@@ -217,7 +217,7 @@ fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
     let likely = packed.len().saturating_mul(64);
     let mut raw = Vec::with_capacity(size.min(likely).saturating_add(1));
     let limit = size as u64 + 1;
-    // The standard says "GZip", but all programs write zlib's wrapper. Real gzip is read, too.
+    // The standard specifies "GZip", but all programs write data in zlib's format. Data in gzip format are read, too.
     let done = if packed.starts_with(&[0x1f, 0x8b]) {
         flate2::read::GzDecoder::new(packed).take(limit).read_to_end(&mut raw)
     } else {

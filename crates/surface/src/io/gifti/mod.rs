@@ -25,8 +25,8 @@ use xml::{DataArray, Document};
 
 /// Reads a surface or a signal.
 pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
-    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only occur in names
-    // and other strings.
+    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, because only names and other strings
+    // can contain invalid bytes.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
@@ -141,7 +141,7 @@ fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
     triangles.iter().map(|&[a, b, c]| Ok([index(a)?, index(b)?, index(c)?])).collect()
 }
 
-/// Joins all arrays side by side as channels. A time series has one array per frame, a matrix is a single array.
+/// Joins all arrays side by side as channels. A time series has one array per frame, and a matrix is a single array.
 fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
     let arrays: Vec<Array> = arrays.into_iter().map(|a| a.values).collect();
     let vertices = arrays.first().map_or(0, |a| a.rows);

@@ -6,7 +6,7 @@ pub(super) const POINTSET: &str = "NIFTI_INTENT_POINTSET";
 pub(super) const TRIANGLE: &str = "NIFTI_INTENT_TRIANGLE";
 /// Intent of an array of values that describe the surface's shape, such as thickness.
 pub(super) const SHAPE: &str = "NIFTI_INTENT_SHAPE";
-/// Intent of an array of any other values.
+/// Intent of an array of values of any other kind.
 pub(super) const NONE: &str = "NIFTI_INTENT_NONE";
 /// Name of the metadata entry with the surface's anatomical structure.
 pub(super) const STRUCTURE: &str = "AnatomicalStructurePrimary";

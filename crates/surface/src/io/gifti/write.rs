@@ -50,8 +50,8 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
     writeln!(out, "</GIFTI>")
 }
 
-/// Returns the metadata that a GIfTI file has for the point set of a mesh, as pairs (name, value): the anatomical
-/// structure, `surface_metadata`, and, for a mesh from a FreeSurfer file, the geometry of its volume.
+/// Returns the metadata of a mesh's point set in a GIfTI file, as pairs (name, value). They contain the anatomical
+/// structure, `surface_metadata` and, for a mesh from a FreeSurfer file, the geometry of its volume.
 #[must_use]
 pub fn gifti_metadata(meta: &Meta) -> Vec<(String, String)> {
     let mut metadata = Vec::new();
@@ -107,7 +107,7 @@ fn write_floats(out: &mut dyn Write, values: impl Iterator<Item = f64>, double: 
 
 fn open(out: &mut dyn Write, arrays: usize, metadata: &[(String, String)]) -> io::Result<()> {
     writeln!(out, r#"<?xml version="1.0" encoding="UTF-8"?>"#)?;
-    // The line is copied verbatim from the standard, since some readers compare it.
+    // The line is copied verbatim from the standard, because some readers require exactly this line.
     writeln!(out, r#"<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">"#)?;
     writeln!(out, r#"<GIFTI Version="1.0" NumberOfDataArrays="{arrays}">"#)?;
     write_metadata(out, metadata)?;

@@ -221,7 +221,7 @@ fn key(tag: &BytesStart<'_>) -> Result<Option<i64>, Flaw> {
         let attribute = attribute.map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
         let name: &[u8] = attribute.key.as_ref().as_ref();
         if [b"Key".as_slice(), b"Index"].contains(&name) {
-            // A label whose key isn't a whole number is skipped, since most readers don't need it.
+            // A label whose key isn't a whole number is skipped, since most callers don't need the labels.
             return Ok(number(attribute.value.trim().as_bytes()));
         }
     }

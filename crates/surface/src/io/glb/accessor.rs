@@ -1,8 +1,9 @@
-//! Reads arrays: an accessor describes numbers in a view of a buffer (sections 3.6.2 and 5.1).
+//! Reads arrays: an accessor describes numbers in a view of a buffer (sections 3.6.2 and 5.1 of the glTF
+//! specification).
 //!
 //! Elements start at the view's offset plus the accessor's offset and are `stride` bytes apart. A sparse accessor
-//! replaces some elements of its array, or of an array of zeros if it has none. All bounds are checked before memory is
-//! allocated.
+//! replaces some elements of its array, or of an array of zeros if the accessor has no array. All bounds are checked
+//! before memory is allocated.
 
 use super::super::budget::Budget;
 use super::super::bytes::{Cursor, Endian};
@@ -28,7 +29,8 @@ fn is_unsigned(component: Scalar) -> bool {
     matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
 }
 
-/// Returns the number in the first bytes. Returns 0 if bytes are missing, which callers rule out.
+/// Returns the number that the first bytes encode. Callers ensure that there are enough bytes. Otherwise, the result is
+/// 0.
 fn number(component: Scalar, bytes: &[u8]) -> f64 {
     component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
 }
@@ -91,8 +93,8 @@ impl Arrays<'_> {
         self.values(accessor, kind.size(), primitive, budget, |bytes| number(kind, bytes) as u32)
     }
 
-    /// Returns the elements of an accessor, each converted from `size` bytes. The budget is charged, because an
-    /// accessor of zeros takes no bytes in the file, and an accessor can be used several times.
+    /// Returns the elements of an accessor, each converted from `size` bytes. The elements are charged to the memory
+    /// budget, because an accessor of zeros takes no bytes in the file, and an accessor can be used several times.
     fn values<T: Clone + Default>(
         &self,
         accessor: &Accessor,
@@ -126,7 +128,7 @@ impl Arrays<'_> {
         Ok(values)
     }
 
-    /// Returns the bytes of `count` elements of `size` bytes each in a view, from `offset` on.
+    /// Returns the bytes of `count` elements of `size` bytes each in a view, starting at `offset`.
     fn elements(&self, view: usize, offset: u64, count: u64, size: usize) -> Result<impl Iterator<Item = &[u8]>, Flaw> {
         let found = self.document.buffer_views.get(view);
         let found = found.ok_or_else(|| Flaw::new("an existing buffer view", format!("number {view}")))?;

@@ -54,8 +54,8 @@ impl<'a> Container<'a> {
         Ok(Self { json, bin })
     }
 
-    /// Returns all buffers. Buffers in other files and buffers without bytes are only an error once they are used,
-    /// since exporters keep the buffers of images and animations in other files.
+    /// Returns all buffers. A buffer in another file, or without bytes, causes an error only when it is used, because
+    /// exporters store the buffers of images and animations in other files.
     pub(super) fn buffers(&self, document: &Document) -> Result<Vec<Buffer<'a>>, Flaw> {
         let buffers = document.buffers.iter().enumerate().map(|(number, buffer)| {
             let bytes: Cow<'a, [u8]> = match (&buffer.uri, self.bin) {

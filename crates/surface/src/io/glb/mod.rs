@@ -2,13 +2,13 @@
 //! (`.gltf`, read only).
 //!
 //! All triangles of the default scene become one surface, each mesh placed by its nodes. Viewers need a normal and
-//! texture coordinates at each vertex, so exporters split vertices where these are discontinuous; the reader merges
-//! vertices at equal positions again. Vertices in files written by this crate aren't split, so they aren't merged and
-//! keep their order.
+//! texture coordinates at each vertex, so exporters split a vertex if its normal or texture coordinates are
+//! discontinuous. The reader merges vertices at equal positions again. Vertices in files written by this crate aren't
+//! split, so they aren't merged and keep their order.
 //!
 //! `container` splits a file into its parts, `document` parses the JSON, `accessor` reads arrays, `primitive` converts
-//! arrays to triangles, `scene` places meshes, and `write` writes files. Positions stay in the file's unit and axes (in
-//! glTF metres, y upwards).
+//! arrays to triangles, `scene` places meshes, and `write` writes files. Positions stay in the file's unit and axes. In
+//! glTF, these are metres and a y axis that points upwards.
 //!
 //! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4. The crate gltf isn't used, since only a scene's
 //! meshes and their placement are needed.

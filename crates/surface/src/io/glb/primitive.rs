@@ -1,4 +1,5 @@
-//! Converts a primitive to triangles (section 3.7.2). Corners are given by indices, or by the order of the positions.
+//! Converts a primitive to triangles (section 3.7.2 of the glTF specification). Corners are given by indices, or by the
+//! order of the positions.
 
 use super::super::budget::Budget;
 use super::super::flaw::Flaw;

@@ -12,8 +12,8 @@ use super::document::{Document, Node};
 use super::primitive;
 use crate::mesh::Mesh;
 
-/// Reads all meshes of the default scene, in the order of the nodes. If no scene is the default, the first one is read;
-/// if there are no scenes, all nodes without parents; and if there are no nodes, all meshes.
+/// Reads all meshes of the default scene, in the order of the nodes. If the file has no default scene, reads its first
+/// scene. If it has no scenes, reads all nodes without parents. If it has no nodes, reads all meshes.
 pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Budget) -> Result<Mesh, Flaw> {
     let arrays = Arrays { document, buffers };
     let mut mesh = Mesh::default();
@@ -24,7 +24,7 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
         return Ok(mesh);
     }
     let mut seen = vec![false; document.nodes.len()];
-    // Nodes to visit, each with the placement of its parent. The next one is at the end.
+    // Nodes to visit, each with the placement of its parent. The node to visit next is at the end of the list.
     let mut open: Vec<(usize, Placement)> =
         roots(document)?.into_iter().rev().map(|node| (node, Placement::IDENTITY)).collect();
     while let Some((number, parent)) = open.pop() {

@@ -7,11 +7,12 @@
 //! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not specified |
 //! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a heading line; `.csv` also with `;` | not specified |
 //!
-//! Positions are read as stored, in the file's unit, like those of surfaces. The frame is read if the file specifies
-//! it. Slicer writes landmarks and meshes in LPS, so they agree. A surface from another program may be in RAS, as
-//! GIfTI and FreeSurfer surfaces are. [`Landmarks::in_frame`] converts landmarks to a given frame;
-//! [`Landmarks::laid_on`] converts them only if that brings them much nearer to a surface. Landmarks without a position
-//! are left out: undefined points of Slicer, and rows of a table whose coordinates are all empty, `NA` or `NaN`.
+//! Positions of landmarks are read as stored, in the file's unit, like positions of surfaces. The frame is read if the
+//! file specifies it. Slicer writes both landmarks and meshes in LPS, so their frames agree. Surfaces from other
+//! programs may be in RAS, for example GIfTI and FreeSurfer surfaces. [`Landmarks::in_frame`] converts landmarks to a
+//! given frame; [`Landmarks::laid_on`] converts landmarks only if the conversion brings them much nearer to a surface.
+//! Landmarks without a position are left out: undefined points of Slicer, and rows of a table whose coordinates are all
+//! empty, `NA` or `NaN`.
 
 mod json;
 mod placed;
@@ -31,7 +32,7 @@ use crate::geometry::Vec3;
 /// Largest number of bytes of a landmark file. Slicer needs about 600 bytes per landmark.
 const MOST_BYTES: u64 = 16 << 20;
 
-/// The anatomical axes of positions. The two frames differ by half a turn about the third axis.
+/// The anatomical axes of positions. LPS and RAS differ by half a turn about the third axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frame {
     /// Left, posterior, superior: used by DICOM and ITK, and in the files that Slicer writes.
@@ -87,7 +88,7 @@ pub struct Matched {
     pub names: Vec<String>,
     /// Positions of the n common landmarks, for each subject.
     pub points: Vec<Vec<Vec3>>,
-    /// For each subject, the names that at least one other subject lacks.
+    /// For each subject, the names of its landmarks that at least one other subject lacks.
     pub alone: Vec<Vec<String>>,
 }
 

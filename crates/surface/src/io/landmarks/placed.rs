@@ -7,15 +7,17 @@ use crate::geometry::{Vec3, bounds, diagonal, scale};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// Factor by which a conversion must reduce the landmarks' median distance from the surface. In the wrong frame the
-/// signs of x and y are reversed, so landmarks of a scan are typically off by a hundred millimetres.
+/// Landmarks are converted to the other frame only if this reduces their median distance from the surface by more than
+/// this factor. In the wrong frame the signs of x and y are reversed, so landmarks of a scan are typically off by a
+/// hundred millimetres.
 const NEARER: f64 = 4.0;
-/// Median distance of landmarks from their surface above which another unit is considered, and below which landmarks
-/// are on the surface, as a fraction of the surface's extent.
+/// Threshold of the median distance of landmarks from their surface, as a fraction of the surface's extent. Below the
+/// threshold, the landmarks are on the surface. Above it, they may be in another unit.
 const OFF: f64 = 0.05;
-/// Minimum number of landmarks that show a unit: fewer may lie on the surface by chance.
+/// Minimum number of landmarks from which a unit is inferred. Fewer landmarks may lie on the surface by chance.
 const LEAST: usize = 3;
-/// Largest distance of a landmark that guides a registration from its surface, as a fraction of the surface's extent.
+/// Largest accepted distance between a surface and a landmark that guides its registration, as a fraction of the
+/// surface's extent.
 const FAR: f64 = 0.5;
 /// Ratios of units of length, such as metres and millimetres.
 const FACTORS: [f64; 6] = [10.0, 100.0, 1000.0, 0.1, 0.01, 0.001];
@@ -23,7 +25,7 @@ const FACTORS: [f64; 6] = [10.0, 100.0, 1000.0, 0.1, 0.01, 0.001];
 /// Landmarks and their distances from a surface.
 #[derive(Debug, Clone)]
 pub struct Placed {
-    /// The landmarks, in the other frame if `turned`.
+    /// The landmarks, converted to the other frame if `turned` is true.
     pub landmarks: Landmarks,
     /// Distance of each of the n landmarks from the surface, in the surface's unit.
     pub distances: Vec<f64>,
@@ -33,15 +35,15 @@ pub struct Placed {
     pub turned: bool,
 }
 
-/// Returns the factor that brings points onto the surface that they belong to, a power of ten, if the points seem to be
-/// in another unit. Returns `None` if the points are near the surface, or far from it in every unit.
+/// If points seem to be in another unit than their surface, returns the power of ten by which the points must be
+/// multiplied to lie on the surface. Returns `None` if the points are near the surface, or far from it in every unit.
 #[must_use]
 pub fn unit_factor(points: &[Vec3], surface: &Mesh) -> Option<f64> {
     factor(points, &TriangleTree::new(surface), diagonal(bounds(surface.vertices.iter().copied())))
 }
 
-/// Returns the text about a [`unit_factor`] that is appended to messages about landmarks far from their surface; empty
-/// without a factor.
+/// Returns the text about a [`unit_factor`] that is appended to messages about landmarks far from their surface.
+/// Without a factor, the text is empty.
 #[must_use]
 pub fn unit_hint(factor: Option<f64>) -> String {
     factor.map_or_else(String::new, |factor| {
@@ -70,7 +72,7 @@ pub struct FarGuide {
     pub landmark: usize,
     /// Distance of this landmark from the surface, in the surface's unit.
     pub distance: f64,
-    /// Factor by which the landmarks must be multiplied to lie on the surface, if they are in another unit.
+    /// Factor by which the landmarks must be multiplied to lie on the surface, if the landmarks are in another unit.
     pub factor: Option<f64>,
 }
 
@@ -84,12 +86,12 @@ impl FarGuide {
         let distances = points.iter().map(off).collect::<Option<Vec<f64>>>()?;
         let (landmark, distance) = distances.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let extent = diagonal(bounds(surface.vertices.iter().copied()));
-        // Nearly all landmarks are near and need no search for their unit.
+        // Nearly all landmarks lie near their surface, so no search for their unit is needed.
         let factor = (distance > OFF * extent).then(|| factor(points, &tree, extent)).flatten();
         (factor.is_some() || distance > FAR * extent).then_some(Self { landmark, distance, factor })
     }
 
-    /// Returns the reason why the landmark, whose name is given, can't guide.
+    /// Returns the reason why the landmark, whose name is given, can't guide a registration.
     #[must_use]
     pub fn reason(&self, name: &str) -> String {
         format!(
@@ -109,7 +111,7 @@ impl std::fmt::Display for FarGuide {
 
 impl Landmarks {
     /// Measures the distances of landmarks from the surface of their subject. Converts the landmarks to the other frame
-    /// if they are much nearer to the surface there. Landmarks without a frame aren't converted.
+    /// if they are much nearer to the surface after the conversion. Landmarks without a frame aren't converted.
     #[must_use]
     pub fn laid_on(&self, surface: &Mesh) -> Placed {
         let tree = TriangleTree::new(surface);

@@ -30,7 +30,8 @@ fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)>
             .delimiter(separator)
             .flexible(true)
             .from_reader(line.as_bytes());
-        // This can't fail: a line is UTF-8 text, and always forms one record, regardless of its quotation marks.
+        // Parsing can't fail, because a line is UTF-8 text and always forms one record, regardless of its quotation
+        // marks.
         let cells = reader.records().next().and_then(Result::ok).unwrap_or_default();
         (number + 1, cells.iter().map(|cell| cell.trim().to_owned()).collect())
     })
@@ -42,7 +43,7 @@ pub(super) fn separator(text: &str) -> u8 {
     if first.contains(';') && !first.contains(',') { b';' } else { b',' }
 }
 
-/// Returns whether a cell states that a coordinate is missing, as tables of R and pandas do.
+/// Returns whether a cell marks a coordinate as missing, in the notation of R or pandas.
 fn is_missing(cell: &str) -> bool {
     cell.is_empty() || cell.eq_ignore_ascii_case("na") || cell.eq_ignore_ascii_case("nan")
 }
@@ -70,7 +71,7 @@ pub(super) fn read(text: &str, separator: u8) -> Result<Landmarks, Flaw> {
 pub(super) fn read_fiducials(text: &str) -> Result<Landmarks, Flaw> {
     let mut found = Gathered::default();
     let mut columns = header(&FIDUCIALS.split(',').map(str::to_owned).collect::<Vec<_>>(), 1)?;
-    // Files from before Slicer 4.11 don't specify a frame; they are in RAS.
+    // Files from before Slicer 4.11 don't specify a frame. Their positions are in RAS.
     let mut frame = Frame::Ras;
     for (number, line) in text.lines().enumerate().filter(|(_, line)| line.starts_with('#')) {
         let Some((key, value)) = line.trim_start_matches('#').split_once('=') else { continue };

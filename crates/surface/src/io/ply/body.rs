@@ -65,7 +65,8 @@ fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Triangles) -> R
     let mut corners = Vec::new();
     lists(element, count, values, |values, n, item| {
         corners.clear();
-        // Each corner needs bytes. If `n` is too large, reaching the end of the file is reported as an error.
+        // `n` isn't checked, because every corner read takes bytes: if `n` is too large, the end of the file is
+        // reported as an error.
         for _ in 0..n {
             corners.push(values.index(item)?);
         }

@@ -1,7 +1,7 @@
 //! Reads and writes Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
 //! `header` parses the header; `body` reads vertices, polygons and strips and skips the rest. The crate ply-rs-bw isn't
-//! used: it stores every element as a map, and needs unbounded memory for elements without properties.
+//! used, because it stores every element as a map, and needs unbounded memory for elements without properties.
 
 mod body;
 mod header;
@@ -21,8 +21,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(noted(body::read(&header, cursor)?, header.frame))
 }
 
-/// Returns the number of vertices in the header of a PLY file. Returns `None` for other files, and if `head`, the first
-/// bytes of the file, doesn't contain the whole header.
+/// Returns the number of vertices in the header of a PLY file. `head` has the first bytes of the file. Returns `None`
+/// for other files, and if `head` doesn't contain the complete header.
 pub(super) fn declared(head: &[u8]) -> Option<u64> {
     let header = header::read(&mut Cursor::new(head)).ok()?;
     header.elements.iter().find(|element| element.name == b"vertex").map(|element| element.count)

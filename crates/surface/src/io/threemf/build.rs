@@ -1,4 +1,4 @@
-//! Places the objects of a build, and the objects in them.
+//! Places the objects of a build, and the objects that they contain.
 
 use std::collections::HashMap;
 
@@ -81,7 +81,7 @@ pub(super) fn read(mut package: Package<'_>) -> Result<Mesh, Flaw> {
     Ok(mesh)
 }
 
-/// Returns the items of a part's build. If there are none, returns an item for each mesh of the part.
+/// Returns the items of a part's build. If the build has no items, returns an item for each mesh of the part.
 fn items(parts: &Parts<'_>, path: &str) -> Vec<Placed> {
     let Some(model) = parts.models.get(path) else { return Vec::new() };
     if !model.items.is_empty() {

@@ -1,9 +1,9 @@
 //! Reads and writes 3MF, the format of 3D printing: a zip archive with XML.
 //!
-//! The archive's relationships name the model. The model's build places objects. An object is a mesh, or consists of
-//! components that place other objects, which may be in another part of the archive (production extension). All placed
-//! objects become one surface. Coordinates aren't converted from the model's unit, since other formats don't specify a
-//! unit.
+//! The archive's relationships state the path of the model. The model's build places objects. An object is a mesh, or
+//! consists of components that place other objects, which may be in another part of the archive (production extension).
+//! All placed objects become one surface. Coordinates aren't converted from the model's unit, since other formats don't
+//! specify a unit.
 //!
 //! `package` reads parts of the archive, `model` parses a part, `build` places objects, and `write` writes files.
 //!

@@ -22,14 +22,14 @@ pub(super) struct Model {
 pub(super) struct Object {
     pub(super) mesh: Mesh,
     pub(super) components: Vec<Placed>,
-    /// Whether the object supports others while they are printed.
+    /// Whether the object supports other objects during printing.
     pub(super) is_support: bool,
 }
 
 /// A reference to an object, with its placement, in an item of the build or in a component.
 #[derive(Clone, Debug)]
 pub(super) struct Placed {
-    /// Path of the object's part, if it isn't the part with the reference.
+    /// Path of the archive's part that contains the object; `None` if the part with this reference contains it.
     pub(super) path: Option<String>,
     pub(super) object: u32,
     pub(super) placement: Placement,
@@ -42,7 +42,8 @@ const KNOWN: [&str; 3] = ["/production/", "/material/", "/trianglesets/"];
 struct State {
     model: Model,
     object: Option<(u32, Object)>,
-    /// Whether a mesh element is open. Other vertices, such as the two-dimensional ones of slices, are skipped.
+    /// Whether a mesh element is open. Vertices outside of mesh elements, such as the two-dimensional vertices of
+    /// slices, are skipped.
     in_mesh: bool,
     root: bool,
 }

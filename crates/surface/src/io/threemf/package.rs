@@ -1,4 +1,5 @@
-//! Reads the parts of an archive. The memory for the parts is limited to what is plausible for the archive's size.
+//! Reads the parts of an archive. The memory for the parts is limited to the largest plausible size of the contents of
+//! an archive of this size.
 
 use std::io::Cursor;
 
@@ -36,7 +37,7 @@ impl<'a> Package<'a> {
         if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
             return Err(Flaw::unsupported("XML in UTF-16", "save it in UTF-8"));
         }
-        // Invalid UTF-8 is replaced instead of rejected, since it can only occur in names.
+        // Invalid UTF-8 is replaced instead of rejected, because only names can contain it.
         Ok(String::from_utf8(bytes).unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned()))
     }
 
@@ -47,7 +48,8 @@ impl<'a> Package<'a> {
             .position(|name| name.is_ok_and(|name| name.trim_start_matches('/').eq_ignore_ascii_case(path)))
     }
 
-    /// Returns the path of the model that the relationships name, or the usual path if they name none.
+    /// Returns the path of the model as stated by the archive's relationships, or the usual path if the relationships
+    /// state no path.
     pub(super) fn model_path(&mut self) -> Result<String, Flaw> {
         if self.number(RELATIONSHIPS).is_none() {
             return Ok(MODEL.to_owned());

@@ -19,8 +19,8 @@ pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     if mesh.vertices.len() > i32::MAX as usize {
         return Err(io::Error::other("3MF files hold only indices below 2^31; write the surface as .ply instead"));
     }
-    // The archive is completed in memory before it is written. In a streamed archive, sizes follow the data, which some
-    // programs reject.
+    // The archive is completed in memory before it is written. In a streamed archive, the sizes follow the data. Some
+    // programs reject such archives.
     let mut archive = Cursor::new(Vec::new());
     let mut zip = ZipWriter::new(&mut archive);
     // A vertex takes less than 100 bytes of text, a triangle less than 64.

@@ -1,5 +1,5 @@
-//! Converts an IndexedFaceSet to triangles (section 6.23). Its points are in a Coordinate node. Its polygons are lists
-//! of point indices, each terminated by -1.
+//! Converts an IndexedFaceSet to triangles (section 6.23 of the VRML standard). Its points are in a Coordinate node.
+//! Its polygons are lists of point indices, each terminated by -1.
 
 use super::super::flaw::Flaw;
 use super::super::polygon::Triangles;
@@ -24,7 +24,7 @@ impl FaceSet {
         let Some((first, count)) = self.points else { return Ok(()) };
         let mut faces = Triangles::default();
         let mut corners = Vec::new();
-        // The -1 of the last polygon may be missing.
+        // The -1 that ends the last polygon may be missing.
         for &index in self.indices.iter().chain([&-1]) {
             let corner = usize::try_from(index).ok().filter(|&index| index < count);
             match corner.and_then(|corner| u32::try_from(first + corner).ok()) {

@@ -1,5 +1,5 @@
-//! Reads VRML 97 (`.wrl`), which segmentation programs write through VTK: all IndexedFaceSets of the scene, placed by
-//! their Transforms.
+//! Reads VRML 97 (`.wrl`), which segmentation programs write through VTK. All IndexedFaceSets of the scene are read,
+//! and placed by their Transforms.
 //!
 //! `token` splits the text into words and brackets, `node` reads nodes, and `face_set` converts polygons to triangles.
 //! Nodes whose contents depend on the viewer or are defined elsewhere (Switch, LOD, Inline, PROTO), and shapes that

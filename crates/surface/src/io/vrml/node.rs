@@ -1,5 +1,5 @@
 //! Reads nodes. A node consists of a type, and fields in braces; fields hold values or nodes. DEF names a node. USE
-//! repeats a named node, whose text is then read again from its position in the file.
+//! repeats a named node: the node's text is read again from its position in the file.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -52,8 +52,9 @@ struct Scene<'a> {
     names: HashMap<&'a [u8], Range<usize>>,
     budget: Budget,
     mesh: Mesh,
-    /// Index of the first vertex and number of vertices for each Coordinate node that has been read, by the start of
-    /// the node's text and the number of the Transform around it. Face sets that use the same points share vertices.
+    /// Index of the first vertex and number of vertices of each Coordinate node that has been read. The keys are the
+    /// start of the node's text and the number of the Transform around the node. Face sets that use the same points
+    /// share vertices.
     shared: HashMap<(usize, usize), (usize, usize)>,
     /// Number of Transform nodes so far.
     transforms: usize,
@@ -114,7 +115,7 @@ fn turn([x, y, z, angle]: [f64; 4]) -> Placement {
 }
 
 impl<'a> Scene<'a> {
-    /// Reads the next field, or part of a field, of a node. Returns false after the node's last one.
+    /// Reads the next field, or part of a field, of a node. Returns `false` if the node has no more fields.
     fn field(&mut self, node: &mut Node<'a>, depth: usize) -> Result<bool, Flaw> {
         let token = self.tokens.next();
         let word = match token {
@@ -159,7 +160,8 @@ impl<'a> Scene<'a> {
         Ok(true)
     }
 
-    /// Reads a node within another one, from its opening brace on. The node's text starts at position `start`.
+    /// Reads a node within another node, starting at the inner node's opening brace. The node's text starts at position
+    /// `start`.
     fn child(&mut self, outer: &mut Node<'a>, kind: &'a [u8], start: usize, depth: usize) -> Result<(), Flaw> {
         if depth >= DEEPEST {
             return Err(Flaw::new(format!("nodes nested at most {DEEPEST} deep"), "deeper nesting"));

@@ -1,5 +1,5 @@
-//! Splits a VRML file into words and brackets (section 5.2 of the standard). Commas count as blanks; comments extend
-//! from # to the end of the line.
+//! Splits a VRML file into words and brackets (section 5.2 of the standard). Commas are treated as blanks. Comments
+//! extend from # to the end of the line.
 
 use super::super::flaw::{Flaw, shown};
 use super::super::text::number;

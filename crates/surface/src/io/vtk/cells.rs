@@ -129,8 +129,8 @@ impl Values<'_> {
         Ok(())
     }
 
-    /// Reads cells of version 5: `offsets` numbers, which are the start of each cell and the end of the last one,
-    /// followed by the corners of all cells.
+    /// Reads cells of version 5. The file has `offsets` numbers, which are the start of each cell and the end of the
+    /// last cell. The corners of all cells follow.
     fn cells_by_offset(
         &mut self,
         offsets: u64,

@@ -4,8 +4,8 @@
 //!
 //! `cells` reads the data between the keywords: numbers, points, cells, fields. `surface` converts cells to triangles.
 //!
-//! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used: it allocates memory by the
-//! header's counts unchecked.
+//! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used, because it allocates memory by
+//! the header's counts without checking them.
 
 mod cells;
 mod surface;
@@ -62,7 +62,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 cells.convert(&kinds, &mut faces)?;
             }
             b"FIELD" => values.skip_field()?,
-            // Metadata are skipped; they end with an empty line.
+            // Metadata, which end with an empty line, are skipped.
             b"METADATA" => {
                 values.cursor.line();
                 while values.cursor.line().is_some_and(|line| !line.trim_ascii().is_empty()) {}

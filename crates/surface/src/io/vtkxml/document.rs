@@ -191,7 +191,7 @@ impl State<'_> {
             "connectivity" => &mut cells.connectivity,
             "offsets" => &mut cells.offsets,
             "types" => &mut cells.types,
-            // Other arrays describe the faces of polyhedra, which are rejected as cells.
+            // Other arrays aren't needed: they describe the faces of polyhedra, and cells of this type are rejected.
             _ => return Ok(()),
         };
         *array = decode(description, text, &self.layout, &mut self.budget)?;
@@ -242,7 +242,7 @@ struct Space {
 }
 
 impl Cells {
-    /// Passes the type and the corners of each cell to `each`. The type is 0 if the file doesn't give it.
+    /// Passes the type and the corners of each cell to `each`. The type is 0 if the file doesn't state the type.
     fn each(&self, space: &Space, mut each: impl FnMut(f64, &[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let (mut start, mut corners) = (0, Vec::new());
         let mut types = self.types.iter();

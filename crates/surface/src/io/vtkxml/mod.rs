@@ -1,8 +1,8 @@
 //! Reads and writes VTK's XML formats: PolyData (`.vtp`), and unstructured grids of a surface (`.vtu`, read only).
 //!
-//! A file has pieces, each with points, polygons and strips, or cells with types. An array's numbers are stored as text
-//! or base64 in the array's element, or as raw bytes or base64 after the XML. Numbers that aren't text may be
-//! compressed.
+//! A file consists of pieces. A piece of PolyData has points, polygons and strips. A piece of an unstructured grid has
+//! points, and cells with types. An array's numbers are stored as text or base64 in the array's element, or as raw
+//! bytes or base64 after the XML. Numbers that aren't text may be compressed.
 //!
 //! `document` walks through the XML, `array` decodes an array, `packed` finds and decompresses its bytes, and `write`
 //! writes files.
@@ -29,7 +29,7 @@ pub(super) fn is_vtk_xml(bytes: &[u8]) -> bool {
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let (head, appended) = split(bytes)?;
     let whole = matches!(appended, Appended::None);
-    // Invalid UTF-8 is replaced instead of rejected, since it can only occur in names.
+    // Invalid UTF-8 is replaced instead of rejected, because only names can contain it.
     document::read(&String::from_utf8_lossy(head), whole, appended, bytes.len())
 }
 

@@ -1,9 +1,9 @@
 //! Finds the bytes of an array, and decodes and decompresses them.
 //!
 //! A header of whole numbers precedes the data. Without compression, the header is the number of bytes. With
-//! compression, it consists of the number of blocks, the size of a block, the size of the last block (0 if that block
-//! is full), and the compressed size of each block. In base64, the header of compressed data is encoded separately, so
-//! there may be padding between header and data.
+//! compression, the header has the number of blocks, the size of a block, the size of the last block (0 if the last
+//! block is full), and the compressed size of each block. In base64, the header of compressed data is encoded
+//! separately, so there may be padding between header and data.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -39,8 +39,8 @@ pub(super) enum Compression {
     Lz4,
 }
 
-/// Returns the bytes of an array: those at `offset` in the data after the XML, or without an offset, those in the text
-/// of the array's element.
+/// Returns the bytes of an array. They are at `offset` in the data after the XML or, without an offset, in the text of
+/// the array's element.
 pub(super) fn bytes_of(
     text: &[u8],
     offset: Option<u64>,
@@ -147,7 +147,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Returns the largest number of bytes that may be left.
+    /// Returns an upper bound on the number of bytes that haven't been read yet.
     fn most(&self) -> usize {
         match self {
             Self::Raw(cursor) => cursor.remaining(),

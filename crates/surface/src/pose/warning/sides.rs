@@ -3,15 +3,15 @@
 use super::GroupPoseWarning;
 use crate::hemisphere::Hemisphere;
 
-/// Number of members that seem mirrored from which on the group may mix two sides; in a small group, a single such
-/// member is a quarter of the members.
+/// A group may mix two sides if a quarter of its members, and at least this number of members, seem mirrored. The
+/// second condition is needed because in a group of four, a single member is already a quarter.
 const FEWEST: usize = 2;
 /// Largest number of members that a warning names.
 const MOST: usize = 12;
 
 impl Hemisphere {
     /// Returns the side that a name states, and the rest of the name: left and `s1` for `s1_L`, `lh.s1` and `left-s1`.
-    /// Letters and digits make up the parts of a name. A single letter states a side only if no other part does. The
+    /// The parts of a name consist of letters and digits. A single letter states a side only if no other part does. The
     /// side is `None` if no part states a side, or if parts state both sides.
     #[must_use]
     pub fn and_rest_of(name: &str) -> (Option<Self>, String) {
@@ -35,8 +35,8 @@ impl Hemisphere {
 
 impl GroupPoseWarning {
     /// Returns a warning that the group seems to mix two sides, if the mirror images of a quarter or more of the
-    /// members fit the others better. The members that are named as mirrored may then be from both sides. `members`
-    /// has the name of each member, and whether the member was mirrored.
+    /// members fit the others better. The members that are reported as mirrored may be from both sides in this case.
+    /// `members` has the name of each member, and whether the member was mirrored.
     #[must_use]
     pub fn two_sides<'a>(warnings: impl IntoIterator<Item = &'a Self>, members: &[(&str, bool)]) -> Option<String> {
         let is_mirrored = |warning: &&Self| matches!(warning, Self::Mirrored { .. });
@@ -54,7 +54,7 @@ impl GroupPoseWarning {
         let [left, right] = [Hemisphere::Left, Hemisphere::Right].map(of_side);
         let named = match (left.len(), right.len()) {
             (0, _) | (_, 0) => String::new(),
-            // The names of mirrored members state the other side.
+            // The list is left out if members were mirrored, because their names state the side before the mirroring.
             _ if members.iter().any(|(_, mirrored)| *mirrored) => String::new(),
             (l, r) => {
                 let (side, names) = if l < r { (Hemisphere::Left, left) } else { (Hemisphere::Right, right) };
@@ -112,7 +112,7 @@ mod tests {
         assert!(found.contains("2 of 6 members") && found.ends_with("of the right side are a_R, b_R, c_R"), "{found}");
         let fewer = of(&[0, 3].map(mirrored), &members[..5]);
         assert!(fewer.ends_with("of the right side are a_R, b_R"), "{fewer}");
-        // Members that were mirrored belong to the other side, so no side is left to be mirrored.
+        // All members with names of the right side have been mirrored, so all members are now from one side.
         let done = names.map(|name| (name, name.ends_with('R')));
         assert!(of(&[0, 3].map(mirrored), &done).ends_with("mirrored)"));
         assert_eq!(of(&[mirrored(1)], &members[..4]), "");

@@ -41,8 +41,9 @@ fn a_density_that_varies_slowly_is_inverted() {
     assert!(off(&found, &x) < 2e-3, "{:e}", off(&found, &x));
 }
 
-/// Returns the ratio of the extreme eigenvalues of `operator`, which bounds the number of iterations. It is computed
-/// by powers of the operator, and of the difference between its largest eigenvalue and the operator.
+/// Returns the ratio of the extreme eigenvalues of `operator`, which bounds the number of iterations. The eigenvalues
+/// are computed by power iterations: with the operator, and with the difference between the operator's largest
+/// eigenvalue and the operator.
 fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
     let largest = |of: &dyn Fn(&Array2<f64>) -> Array2<f64>| {
         let mut x = numbers(3, size, 1);
@@ -62,8 +63,8 @@ fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
 fn the_condition_of_uneven_samplings_is_much_smaller_with_it() {
     const DEGREE: usize = 12;
     let size = basis_size(DEGREE);
-    // Samples five times as dense on one side, samples with a gap of fifteen degrees, and random samples, six per
-    // coefficient.
+    // The tested samplings are: samples that are five times as dense on one side, samples with a gap of fifteen
+    // degrees, and random samples, six per coefficient.
     for (directions, gain) in [
         (kept(20_000, |i, [x, _, _]| x > 0.0 || i % 5 == 0), 3.0),
         (kept(8_000, |_, [_, y, _]| y < 0.97), 3.0),
