@@ -141,8 +141,8 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
         for path in paths {
             match named(reader, std::slice::from_ref(&path), &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Keep a volume that can't be read as a row without a label. This row fails later for the same reason,
-                // without stopping the other rows.
+                // Keep a volume that is refused, such as an unreadable one, as a row without a label. This row fails
+                // later for the same reason, without stopping the other rows.
                 Err(_) if is_volume(&path) => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }

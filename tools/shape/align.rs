@@ -373,7 +373,7 @@ fn together(
     };
     let mut own: Vec<String> =
         report.warnings.iter().map(|warning| named(warning, &|path: &Path| shown(path))).collect();
-    // Omit warnings about sizes, because the quality control of a study compares the sizes itself.
+    // The named warnings omit sizes, because the quality control of a study compares the sizes itself.
     let of_poses = report.warnings.iter().filter(|warning| !matches!(warning, ProcrustesWarning::Unit(_)));
     let named_warnings = of_poses.map(|warning| named(warning, &model_name)).collect();
     own.extend(equal_models(&members, paths, |path| shown(path)));

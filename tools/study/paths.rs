@@ -9,8 +9,8 @@ pub(super) fn absolute(path: &Path) -> std::io::Result<PathBuf> {
 }
 
 /// Resolves the relative path `way` from the folder `place`. Each `..` removes the last part of the path, if that part
-/// is a name. The result therefore contains no `..` after a name, and a repeated run uses the same paths as the first
-/// run.
+/// is a name. Therefore no `..` of `way` follows a name in the result, and a repeated run uses the same paths as the
+/// first run.
 pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
     let mut path = place.to_owned();
     for part in way.components() {

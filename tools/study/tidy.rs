@@ -29,7 +29,7 @@ pub(super) fn leftovers(plan: &Plan) {
 }
 
 /// Removes models that the study has made for these rows and that can't be read, so that they are made again. Returns
-/// the ids of these rows.
+/// the ids of the removed models.
 pub(super) fn damaged<'a>(
     fits: &Fits<'_>,
     rows: impl Iterator<Item = &'a Row>,

@@ -114,7 +114,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    // Don't warn of an earlier run's models if this run was interrupted: some of them belong to labels not reached yet.
+    // If this run was interrupted, don't warn of an earlier run's models: their labels may not be reached yet.
     let whole = done.is_ok() && cli.table.is_none();
     let others = whole.then(|| warnings::of_earlier_runs(&cli.output, &table, &known)).flatten();
     let doubts = doubts.chain(warnings::of_volumes(&rows)).chain(warnings::cut_off(&rows)).chain(reader.warnings());

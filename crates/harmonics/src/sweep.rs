@@ -118,7 +118,7 @@ fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin:
 
 #[inline(always)]
 fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    /// Number of rows processed together. The powers of their x and y stay in registers and the L1 cache.
+    /// Number of rows processed together. The powers of their `x + i y` stay in registers and the L1 cache.
     const LANES: usize = 16;
     let rows = directions.len();
     for start in (0..rows).step_by(LANES) {

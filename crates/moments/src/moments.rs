@@ -8,7 +8,7 @@ use crate::MomentsError;
 /// Largest number of shards into which a table may be divided.
 pub const MOST_SHARDS: u32 = 1 << 24;
 
-/// A shard: one of several nearly equal parts into which the samples are divided.
+/// A shard: one of `of` nearly equal parts into which the samples are divided.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Shard {
     /// Index of the part, from 0.

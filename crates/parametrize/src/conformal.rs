@@ -106,8 +106,8 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Applies the [`boost`] of least area distortion among the boosts that flip no triangle. Returns `false` if a boost
-/// that flips triangles would have less distortion.
+/// Applies the [`boost`] of least area distortion among the boosts that flip no triangle. Returns `false` if flipped
+/// triangles prevented a boost of still less distortion.
 fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;

@@ -195,8 +195,8 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
 #[inline(always)]
 fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &Triangle) -> Vec3 {
     // With A the area on the surface, and y and z the cotangents at b and c, A dq/da = (z (a - b) + y (a - c)) / 2.
-    // With W = A r the solid angle, dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2), d(volume)/da = b x
-    // c, d(rest)/da = b + c; b x c = b x (c - b), which keeps the digits of short edges.
+    // With W = A r the solid angle, dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2).
+    // d(rest)/da = b + c, d(volume)/da = b x c = b x (c - b); the last form keeps the digits of short edges.
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }
 

@@ -92,8 +92,8 @@ pub(crate) fn residual(
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Averages over a triangle's part of the sphere. The fitted function maps this part linearly onto the triangle of
-    // the surface, so the average equals the mean over the surface's triangle.
+    // Averages over a triangle's part of the sphere. The fitted function maps this part, projected onto a plane,
+    // linearly to the triangle of the surface. The average is therefore nearly the mean over the surface's triangle.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();

@@ -80,7 +80,8 @@ pub(crate) struct Asked<'py> {
     effect: Vec<(String, Cells<'py>)>,
     levels: Vec<String>,
     covariates: Vec<(String, Cells<'py>)>,
-    /// Names of additional interactions in the model, such as `age:sex`, between covariates and columns of the effect.
+    /// Names of additional interactions in the model, such as `age:sex`. The two columns of an interaction may be
+    /// covariates or columns of the effect.
     interactions: Vec<String>,
     design: Option<PyReadonlyArray2<'py, f64>>,
     columns: Vec<String>,

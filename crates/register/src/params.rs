@@ -15,15 +15,14 @@ pub struct DriftStage {
 /// Settings of a registration. The unit of lengths is the square root of the template's area.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegisterParams {
-    /// Stages of the drift, the widest kernel first. The list is empty for surfaces that are already close.
+    /// Stages of the drift, the widest kernel first. An empty list suits surfaces that are already close.
     pub drift: Vec<DriftStage>,
     /// If the root mean square distance between template and subject, in both directions, is below this value, the
     /// drift is skipped and vertices are only projected onto the subject. The reason is that the drift would scatter
     /// points along surfaces that coincide. The drift isn't skipped if a distance reaches `reach` or landmarks are
     /// given.
     pub near: f64,
-    /// Initial sigma of the drift. Sigma is the standard deviation of the distances between corresponding points of
-    /// template and subject.
+    /// Initial sigma of the drift. Sigma is the standard deviation of the Gaussians around the points of the template.
     pub sigma: f64,
     /// Weight of the normals in the drift's responsibilities, `exp(kappa (n_x . n_y - 1))`.
     pub kappa: f64,
@@ -31,8 +30,7 @@ pub struct RegisterParams {
     pub outliers: f64,
     /// Maximum number of iterations of a stage of the drift.
     pub drift_rounds: usize,
-    /// A stage of the drift ends when sigma, the standard deviation of the distances, changes by less than this
-    /// fraction.
+    /// A stage of the drift ends when sigma changes by less than this fraction.
     pub drift_tolerance: f64,
     /// Weights of the thin plate's bending energy, one for each round of the closest-point iteration.
     pub stiffness: Vec<f64>,

@@ -8,11 +8,11 @@
 //!
 //! A rotation of the directions multiplies A_l by an orthogonal matrix from the left, and a rotation of the surface
 //! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
-//! either, so the descriptors can't detect it. The power was introduced by M. Kazhdan, T. Funkhouser and S.
-//! Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003. The singular
-//! values also describe how a degree is distributed over the axes. The descriptors depend on the parameterisation. For
-//! comparisons, map surfaces with equal areas (`area` 0), because other maps also depend on the triangles of the input
-//! mesh. Degree 0, which is the position, is excluded.
+//! either, so the descriptors can't detect it. The power is described by M. Kazhdan, T. Funkhouser and S. Rusinkiewicz,
+//! "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003. The singular values also
+//! describe how a degree is distributed over the axes. The descriptors depend on the parameterisation. For comparisons,
+//! map surfaces with equal areas (`area` 0), because other maps also depend on the triangles of the input mesh. Degree
+//! 0, which is the position, is excluded.
 //!
 //! For each degree from 0 to L, `Model.spectrum` of Python is the sum of the squares of the degree's coefficients, 4 pi
 //! P_l.

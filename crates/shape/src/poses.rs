@@ -1,8 +1,8 @@
 //! Checks whether the models of a group are in the same pose. A mean, modes and tests require a common pose.
 //!
 //! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
-//! correspond, their matrices B are nearly equal. If a surface is rotated in space or in its parameters, B becomes Q B
-//! R. Matrices of surfaces in different poses partly cancel each other in the sum. The sum is largest if all matrices
+//! correspond, their matrices B resemble each other. If a surface is rotated in space or in its parameters, B becomes Q
+//! B R. Matrices of surfaces in different poses partly cancel each other in the sum. The sum is largest if all matrices
 //! have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in
 //! descending order (von Neumann's trace inequality). The ratio
 //!

@@ -11,9 +11,9 @@
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
 //! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton steps with Levenberg's damping. The metric
 //! of the damping is given by the squared lengths of the six directions of rotation. The damping keeps steps short far
-//! from the optimum. The matrix of second derivatives is used instead of the Gauss-Newton matrix, which equals it only
-//! if g = Q R f. Therefore convergence is quadratic even if the surfaces differ. If the pose is known
-//! ([`Space::Fixed`]), only R varies.
+//! from the optimum. The matrix of second derivatives is used instead of the Gauss-Newton matrix, which equals it if g
+//! = Q R f. Convergence is therefore quadratic even if the surfaces differ. If the pose is known ([`Space::Fixed`]),
+//! only R varies.
 
 use spharm_monitor::Monitor;
 
@@ -129,8 +129,8 @@ pub(crate) fn refine(
             if let Some(step) = model.step(damping) {
                 size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
-                // Near the optimum, differences between distances are rounding errors, so small steps are always
-                // accepted.
+                // Near the optimum, differences between distances are rounding errors. A tiny step is therefore not
+                // damped further, even if the distance doesn't decrease.
                 if trial.distance < state.distance || size < LAST {
                     next = Some(trial);
                     break;

@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn groups_of_one_unit_are_not_warned_of() {
         assert!(other_units(&group(&[1.0, 1.2, 0.8, 4.0, 1.1])).is_empty());
-        // The members' sizes differ by powers of ten, as units of length do, so the sizes don't indicate another unit.
+        // The sizes in this group vary as much as units of length do, so no size indicates another unit.
         assert!(other_units(&group(&[1.0, 3.0, 10.0, 0.3, 0.1])).is_empty());
         // Four members are too few, and points have no size.
         assert!(other_units(&group(&[1.0, 1.0, 1.0, 10.0])).is_empty());

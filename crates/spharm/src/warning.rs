@@ -237,7 +237,8 @@ impl fmt::Display for FitWarning {
                 f,
                 "denoising may have removed signal: at degree {max_degree}, poorly sampled places raise the power of \
                  the noise in the coefficients of degree 1 to {noise:.1e} times that of an even sampling, and denoising \
-                 multiplied these coefficients by a gain of only {gain:.2}; use a lower degree, or a smoothness penalty instead of denoising"
+                 multiplied these coefficients by a gain of only {gain:.2}; use a lower degree, or a smoothness penalty \
+                 instead of denoising"
             ),
             Self::UnevenWeights { functions, ratio } => write!(
                 f,

@@ -9,10 +9,11 @@ use super::super::args::{Models, ReportArgs, Resources};
 
 /// Check the subjects of a group for outliers, duplicates and cut labels, and draw a picture of each
 ///
-/// Flags a subject if the robust z of its volume, area, sphericity, residual of the fit, distance from the mean or
-/// score along a mode exceeds 3.5 in absolute value. Also flags subjects that have the same input, model or surface as
-/// another subject, a label at the border of the volume, voxels of a different size, or large repairs, and subjects
-/// that account for most of a mode. A flag is only a reason to look at the subject's picture.
+/// Flags a subject if the robust z of its volume, area, sphericity or score along a mode exceeds 3.5 in absolute value,
+/// or if the robust z of the residual of its fit or of its distance from the mean exceeds 3.5. Also flags subjects that
+/// have the same input, model or surface as another subject, a label at the border of the volume, voxels of a different
+/// size, or large repairs, and subjects that account for most of a mode. A flag is only a reason to look at the
+/// subject's picture.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -18,9 +18,9 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// A preview always reads this number of spheres, and the same number of surfaces without a sphere, to check the memory
-/// they need. A further file is read only if outputs of its rows exist. If the fits need a basis store, all further
-/// spheres are read as well.
+/// To check the needed memory, a preview reads the first spheres and the first surfaces without a sphere, up to this
+/// number of each. A further file is read only if outputs of its rows exist. If the fits need a basis store, all
+/// further spheres are read as well.
 const READ: usize = 3;
 
 /// Result of a preview.

@@ -62,8 +62,8 @@ mod tests {
 
     #[test]
     fn vertices_move_to_the_side_that_faces_as_they_do() {
-        // Two spheres form a thin shell; the inner sphere is inside out. The vertices of the wrap must move to the
-        // outer sphere.
+        // Two spheres form a thin shell; the inner sphere is inside out. The vertices of the wrap may move to the outer
+        // sphere, but not to the inner one.
         let outer = icosphere(4);
         let mut shell = outer.clone();
         let count = shell.vertices.len() as u32;

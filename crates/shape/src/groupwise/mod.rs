@@ -205,8 +205,9 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Adds three channels to each member: the unit normals multiplied by a length. The length is `length` if given,
-/// otherwise `weight` times the square root of the members' mean area. Returns the extended members and the length.
+/// Adds three channels to each member: the unit normals multiplied by a length. Adds none if `weight` is 0. The length
+/// is `length` if given, otherwise `weight` times the square root of the members' mean area. Returns the extended
+/// members and the length.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,

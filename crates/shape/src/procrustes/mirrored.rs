@@ -5,15 +5,16 @@
 //! member matches the others unmirrored. x depends on the shape, and is 0 for a shape equal to its mirror image. If all
 //! members differ from their mirror images by about the same amount, the value x of a mirrored member is about the
 //! negative of the other members' x. A member is reported if
+//!
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
-//! where s is the median absolute deviation of x from its median, divided by 0.6745. The thresholds were tested with
-//! generated groups of 6 and 20 bodies that differ from each other by as much as from an ellipsoid. In these groups x
-//! was 0.19 or above for unmirrored members, and -0.16 or below for mirrored members. One or three of the 20 bodies
-//! were mirrored. For randomly perturbed ellipsoids, x was -0.08 or above. Five correct hippocampi have x from -0.2 to
-//! 0.5, and none is reported. A mirrored hippocampus usually isn't reported either.
+//! where s is the median absolute deviation of x from its median, divided by 0.6745. In generated groups of 6 and 20
+//! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members, and
+//! -0.16 or below for mirrored members. One or three of the 20 bodies were mirrored. For randomly perturbed ellipsoids,
+//! x was -0.08 or above. Five correct hippocampi have x from -0.2 to 0.5, and none is reported. A mirrored hippocampus
+//! usually isn't reported either.
 
 use std::borrow::Cow;
 
@@ -30,7 +31,7 @@ const LEAST: usize = 4;
 /// A member is reported as mirrored only if its x ([`Judged::log`]) is at most minus this value, and the median of x
 /// over all members is at least this value.
 const CLEAR: f64 = 0.1;
-/// A member is mirrored only if its x = ln(image / own) is below the median by more than this multiple of the spread s.
+/// A member is mirrored only if its x = ln(image / own) is below the median by at least this multiple of the spread s.
 const FAR: f64 = 5.0;
 /// Distances below this are treated as rounding errors, for surfaces of norm 1.
 const SAME: f64 = 1e-7;

@@ -97,8 +97,8 @@ pub(super) struct Left {
     pub(super) distances: Vec<f64>,
     /// Index of the excluded member.
     pub(super) member: usize,
-    /// For each k from 1 to m, a factor for each member. The sum of the members multiplied by these factors is the
-    /// shape in the span of the first k modes that is nearest to the excluded member.
+    /// For each k from 1 to m, a factor for each row of the model. The sum of the rows multiplied by these factors is
+    /// the shape in the span of the first k modes that is nearest to the excluded member.
     pub(super) factors: Vec<Vec<f64>>,
 }
 

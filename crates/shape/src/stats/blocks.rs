@@ -20,8 +20,9 @@ pub enum Exchange {
     /// Whole blocks of the same size are exchanged, and all signs of a block are flipped together. Three rules
     /// determine which observations of two blocks correspond. If blocks have equal values in columns of the design that
     /// vary within blocks, such as the visit, observations with equal values correspond. Otherwise, if a single column
-    /// varies within blocks, such as the age, observations correspond by their rank in this column. If several columns
-    /// vary, observations correspond by their order in the table.
+    /// varies within blocks, such as the age, observations correspond by their rank in this column. The same holds for
+    /// several columns that are proportional to each other within each block. In all other cases, observations
+    /// correspond by their order in the table.
     Whole,
 }
 

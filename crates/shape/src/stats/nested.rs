@@ -39,8 +39,8 @@ pub(crate) fn leave_out(
     let contained = [container(first, a, covariates).is_some(), container(second, b, covariates).is_some()];
     let n = a.len();
     let levels = base.len();
-    // If covariates contain both main effects, they contain the interaction as well. Creating the design then fails
-    // because of linear dependence.
+    // If covariates contain both main effects, nothing is removed. Creating the design then fails because of linear
+    // dependence.
     let kept: Vec<bool> = match (a, b, contained) {
         (Column::Levels(_), Column::Levels(of), [true, false]) => {
             let count = distinct(of).len();

@@ -98,7 +98,7 @@ pub fn solve_moments(
 /// A single function that isn't recovered causes an error of about 1.2.
 const MOST_LOST: f64 = 0.03;
 /// Tolerance of the fit by which [`determined`] recovers known coefficients, unless the tolerance of the settings is
-/// smaller. It is small enough for normal matrices with condition numbers of several thousand.
+/// smaller. It is small enough for bases with condition numbers of several thousand.
 const RECOVERED: f64 = 1e-11;
 
 /// Returns whether the samples determine the coefficients without a penalty. This is tested by a fit that should

@@ -89,8 +89,8 @@ impl Problem for Sampled<'_> {
     }
 
     fn product_error(&self) -> Option<ProductError> {
-        // The bound on the error is used to compare the gradient with [`Residual::slopes`]. The slopes don't include a
-        // penalty, so no bound is given if there is a penalty.
+        // If there is a bound, the iteration's gradient may be used after a comparison with [`Residual::slopes`]. The
+        // slopes don't include a penalty, so no bound is given if there is a penalty.
         let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
         Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }

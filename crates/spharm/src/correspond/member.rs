@@ -42,7 +42,7 @@ pub struct NewMember {
 const USUAL: usize = 8;
 
 /// Subdivisions of the icosphere at which models are compared with surfaces. With coarser triangles, such as those
-/// between the group's directions, the models would be smaller than their surfaces.
+/// between the directions of a group of low degree, the models would be smaller than their surfaces.
 const FINE: u32 = 5;
 
 /// Data of a group, prepared once for all new members.
@@ -202,8 +202,8 @@ impl Joining {
             // All poses of the mirror image are searched, so the best of them is compared with the best of all poses of
             // the surface.
             let mirrored = searched(&Similarity::reflection().apply_mesh(surface))?;
-            // A surface that is far from the group's members may be nearer to the mean by chance when it is mirrored.
-            // Its mirror image must therefore be much nearer to cause a warning.
+            // A surface that is much farther from the mean than the group's members may be nearer to it by chance when
+            // it is mirrored. Its mirror image must therefore be much nearer to cause a warning.
             let nearer = if far.is_some() { 1.0 / CLOSE } else { NEARER_MIRRORED };
             if mirrored < nearer * best {
                 return warnings(GroupPoseWarning::Mirrored { member: 0, distance: best, mirrored });

@@ -113,7 +113,7 @@ fn unquoted(cell: &[u8]) -> &[u8] {
     cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\"")).unwrap_or(cell)
 }
 
-/// Returns whether a cell denotes a missing value: it is empty, or contains the mark for missing values of R or of a
+/// Returns whether a cell denotes a missing value: it is empty, or it is the mark for missing values of R or of a
 /// spreadsheet program.
 fn is_missing(cell: &[u8]) -> bool {
     [&b""[..], b"NA", b"N/A", b"#N/A"].iter().any(|mark| cell.eq_ignore_ascii_case(mark))

@@ -33,7 +33,8 @@ const ROUNDS: usize = 5;
 const OUTLYING: f64 = 0.25;
 /// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;
-/// Largest number of sweeps. In a sweep, each member with two nearly equally good poses chooses the better one.
+/// Largest number of sweeps. In a sweep, each member chooses the better of its two best poses if their distances are
+/// close (see [`CLOSE`]).
 const SWEEPS: usize = 10;
 /// A pose is doubtful if the distance in the second-best pose is below this multiple of the distance in the best pose.
 pub const DOUBTFUL: f64 = 1.1;

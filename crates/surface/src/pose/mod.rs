@@ -86,8 +86,8 @@ impl Default for PoseParams {
 pub struct Pose {
     /// The motion of the best pose.
     pub similarity: Similarity,
-    /// Root mean square distance between the surfaces in both directions, in the fixed surface's unit. It is the least
-    /// distance found at the surfaces' own sizes. Points that [`PoseParams::trimmed`] excludes are ignored.
+    /// Root mean square distance between the surfaces in both directions, in the fixed surface's unit. It is the
+    /// distance in the best pose at the surfaces' own sizes. Points that [`PoseParams::trimmed`] excludes are ignored.
     pub distance: f64,
     /// Distance in the second best pose: the best of the poses whose rotations differ from the best pose's rotation by
     /// more than [`DISTINCT`]. Infinite if all starts led to the same optimum, or if only poses near the given one were

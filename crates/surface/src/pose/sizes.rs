@@ -4,8 +4,8 @@
 //! its surface then lies near the larger surface. In this pose, a body that is 10 % smaller is rotated by about 5
 //! degrees, and a body that is 20 % smaller by 13 to 27 degrees. If scaling removes most of the distance between two
 //! surfaces, size explains their difference, and they are aligned at one size. A group is aligned at one size if size
-//! explains the differences of at least half of its members from the typical member. Otherwise, surfaces are aligned at
-//! their own sizes, because a body that is cut off must not be enlarged.
+//! explains the difference from the typical member for at least half of the other members. Otherwise, surfaces are
+//! aligned at their own sizes, because a body that is cut off must not be enlarged.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};

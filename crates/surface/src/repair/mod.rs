@@ -2,7 +2,7 @@
 //! against their neighbours, parts that touch, unreferenced vertices, loose pieces and small holes.
 //!
 //! Rims that nearly coincide are welded. No other vertex is moved. Holes remain open if they have more than
-//! [`LARGEST_FAN`] edges, or a shape that a fan of triangles can't fill. One-sided surfaces aren't repaired.
+//! [`LARGEST_FAN`] edges, or a shape that a fan of triangles can't fill. One-sided surfaces remain one-sided.
 //! [`Topology`](crate::topology::Topology) reports these defects.
 
 mod rims;

@@ -91,12 +91,12 @@ fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
 /// The nodes of Gauss's two-point rule on [-1, 1] are -1 / sqrt(3) and 1 / sqrt(3).
 const GAUSS: f64 = 0.577_350_269_189_625_8;
 
-/// Returns the nodes and weights of Gauss's two-point rule on `from..to`. The weight function is the distance s from
-/// the apex, because the triangle's width is proportional to s. The nodes are the roots of `s^2 + b s + c`, the
-/// polynomial that is orthogonal to 1 and s. Half of each weight is returned, because each node gives two samples.
+/// Returns the nodes and weights of Gauss's two-point rule on `from..to`. The weight function is 2 s, with s the
+/// distance from the apex, because the triangle's width is proportional to s. The nodes are the roots of the polynomial
+/// `s^2 + b s + c` that is orthogonal to 1 and s. Half of each weight is returned, because each node gives two samples.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // Moments are taken about the layer's middle, which avoids cancellation: s = middle + half u, with weight (middle
-    // + half u) du.
+    // Moments are taken about the layer's middle, which avoids cancellation: s = middle + half u. The weight of du is
+    // s.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;

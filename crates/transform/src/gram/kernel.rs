@@ -95,7 +95,7 @@ pub(super) fn products(
             &waves.sine[minus..][..rings],
             &waves.sine[plus..][..rings],
         ];
-        // The first rows have degrees below the block's first order, so they have no functions in the block.
+        // Rows of degrees below the block's first order have no functions in the block. These rows come first.
         let none = rows.iter().filter(|row| row.degree < block * LANES).count();
         let legendre = |i: usize| &rows[none + i].legendre[block * rings..][..rings];
         for first in (0..columns.len()).step_by(together) {

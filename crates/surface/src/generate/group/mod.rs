@@ -1,6 +1,6 @@
 //! Generates groups of surfaces with known correspondence: families of shapes with one or two parameters. Each member
-//! is meshed separately and gets a random pose. Its parameters and its corresponding points ("places") are returned
-//! with its mesh.
+//! is meshed separately and gets a random pose, unless [`Group::upright`] is set. Its parameters and its corresponding
+//! points ("places") are returned with its mesh.
 //!
 //! | family | members | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|

@@ -1,5 +1,4 @@
-//! Generates ellipsoids, rods and rings. The position of each point of a shape depends linearly on the shape's
-//! parameters.
+//! Generates ellipsoids, rods and rings. The places on a shape depend linearly on the shape's parameters.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

@@ -29,8 +29,8 @@ fn is_unsigned(component: Scalar) -> bool {
     matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
 }
 
-/// Returns the number that the first bytes encode. Callers ensure that there are enough bytes. Otherwise, the result is
-/// 0.
+/// Returns the number that the first bytes encode. Callers ensure that there are enough bytes. Otherwise, 0 is
+/// returned.
 fn number(component: Scalar, bytes: &[u8]) -> f64 {
     component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
 }
