@@ -88,7 +88,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         let rows = names.iter().zip(means).enumerate().map(row).collect();
         let mut columns = vec![
             "landmark",
-            "mean distance of the landmark carried from other subjects from the subject's own landmark",
+            "mean distance between the subject's own landmark and the same landmark carried from another subject",
         ];
         columns.extend(left_out.map(|_| "distance from the landmark's position in the group, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();

@@ -139,7 +139,7 @@ pub enum ParametrizeError {
         path: PathBuf,
         /// Number of channels in the file.
         channels: usize,
-        /// Number of times in the file.
+        /// Number of time points in the file.
         times: usize,
         /// The caller's choice.
         chosen: ImageChoice,

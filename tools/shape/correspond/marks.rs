@@ -17,8 +17,7 @@ use super::surfaces::Surface;
 /// Maximum number of members to which each member's landmarks are carried.
 const OTHERS: usize = 40;
 
-/// Errors of carried landmarks: distances from the target members' own landmarks, measured between nearest points on
-/// the surfaces.
+/// Errors of carried landmarks: the distance of each carried landmark from the target member's own landmark.
 pub(super) struct Errors {
     names: Vec<String>,
     mean: f64,
@@ -94,7 +93,8 @@ pub(super) fn far(error: &spharm::Error, names: &[String], surfaces: &[Surface])
 /// landmarks that seem to be swapped or misplaced.
 pub(super) fn errors(marks: Marks, surfaces: &[Surface], group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
     let count = group.models.len();
-    // Move each member's own landmarks onto its surface; carried landmarks are compared with these points.
+    // Carrying a member's landmarks to the member itself gives its own landmarks, with which carried landmarks are
+    // compared.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
     let own = own.collect::<Result<Vec<_>, _>>()?;
     let of_source = |source: usize| -> Result<Vec<Vec<(f64, bool)>>> {

@@ -126,8 +126,8 @@ impl RunError {
         }
     }
 
-    /// Returns whether every other row would fail for the same reason: a full disk, an exceeded quota or file size, or
-    /// a read-only file system.
+    /// Returns whether all other rows would fail for the same reason: a full disk, an exceeded quota or file size, or a
+    /// read-only file system.
     #[must_use]
     pub fn concerns_all(&self) -> bool {
         concerns_all(self)

@@ -83,8 +83,8 @@ mod tests {
     use spharm_surface::repair::repair;
     use spharm_surface::topology::Topology;
 
-    /// The filling of a ball without a cap continues the ball, so it is much nearer to the ball than a flat lid would
-    /// be.
+    /// If a cap is removed from a ball, the surface that fills the hole continues the ball, so it is much nearer to the
+    /// ball than a flat lid would be.
     #[test]
     fn a_cap_of_a_ball_is_filled_round() {
         let mut open = icosphere(4);

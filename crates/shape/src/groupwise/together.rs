@@ -20,7 +20,8 @@ const ROUNDS: usize = 2;
 
 /// Moves the members' values (N, n C) rigidly to the mean, and returns the members' rotations. `turning` holds the
 /// first channel of each triple of channels that rotates with the surface. The triple that starts at channel 0 is the
-/// position, which is also translated. `last` holds the rotations of the last round.
+/// position, which is also translated. `last` holds the rotations of the previous round, from which the iterations
+/// start.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],

@@ -8,9 +8,9 @@
 pub(super) const ITERATIONS_BEFORE_FACTOR: usize = 60;
 /// Number of iterations over which progress is measured.
 pub(super) const ITERATIONS_OF_PROGRESS: usize = 30;
-/// Minimum number of iterations before switching to a stored factor. If there is a stored factor, progress is also
-/// measured over this number of iterations. Three iterations suffice to predict the number of remaining iterations.
-/// This early switch reduces the time for a batch of 32 cortices by a third.
+/// Minimum number of iterations before switching to a stored factor. For iterations by moments, this number then
+/// replaces [`ITERATIONS_BEFORE_FACTOR`] and [`ITERATIONS_OF_PROGRESS`]. Three iterations suffice to predict the number
+/// of remaining iterations. This early switch reduces the time for a batch of 32 cortices by a third.
 pub(super) const ITERATIONS_BESIDE_FACTOR: usize = 3;
 /// Iterations continue if the predicted remaining iterations cost at most this share of the cost of a factor. The share
 /// is far below 1 because the prediction tends to be too low.

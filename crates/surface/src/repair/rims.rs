@@ -40,7 +40,8 @@ fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
 }
 
 /// Returns the rims of a mesh as loops of vertices. Each vertex of the mesh must have only one fan of triangles. A
-/// triangle that fills a hole must have the two vertices of a rim edge in the rim's order.
+/// rim's edges are directed opposite to their directions in the mesh's triangles. A triangle that fills the hole is
+/// therefore wound consistently if it has the two vertices of a rim edge in the rim's order.
 #[must_use]
 pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let open = open_edges(faces);

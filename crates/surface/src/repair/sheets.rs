@@ -267,9 +267,9 @@ fn volume(vertices: &[Vec3], faces: &[[u32; 3]], group: impl Iterator<Item = usi
     group.map(|f| dot(sub(corners(f)[0], centre), face_normal(corners(f)))).sum()
 }
 
-/// Turns each closed piece that is wound inwards, and all open pieces together if they enclose a negative volume as
-/// seen from their centre. A single open piece, such as a flat side of a box or the inside of a bowl, doesn't show
-/// which side is outside.
+/// Turns each closed piece that is wound inwards, and turns all open pieces together if the signed volume between their
+/// triangles and the centre of their area is negative. A single open piece, such as a flat side of a box or the inside
+/// of a bowl, doesn't show which side is outside.
 pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
     const ALL_OPEN: u32 = u32::MAX;
     let sides = sides(faces);

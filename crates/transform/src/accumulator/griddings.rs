@@ -95,8 +95,8 @@ impl Griddings {
     }
 }
 
-/// Returns the number of points of both grids, summed over channels, if the fine grid has `grid` points around the
-/// sphere.
+/// Returns the number of points of the fine grid, which has one channel, plus the number of points of the coarse grid
+/// in all channels. The fine grid has `grid` points around the sphere.
 fn points(grid: usize, channels: usize) -> usize {
     grid * grid / 2 + channels * grid * grid / 8
 }

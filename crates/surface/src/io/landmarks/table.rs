@@ -1,4 +1,5 @@
-//! Reads and writes landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose header is in comments.
+//! Reads and writes landmarks as tables: `name,x,y,z`, and 3D Slicer's former format for fiducials (`.fcsv`), whose
+//! header is in comments.
 //!
 //! Spreadsheets of some languages write semicolons in place of commas. A cell that contains the separator or a
 //! quotation mark is quoted as in RFC 4180.
