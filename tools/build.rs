@@ -1,9 +1,11 @@
-//! Build script: links without most of OpenBLAS's kernels, and strips the symbols of release binaries.
+//! Build script: links without most of OpenBLAS's kernels and without copies of functions, and strips the
+//! symbols of release binaries.
 
 use std::env;
 
 fn main() {
     spharm_link::leave_out_kernels();
+    spharm_link::fold_identical_functions();
     // Cargo strips symbols as the profile specifies, but not in a package with its own opt-level, such as this one.
     // Therefore the linker strips them.
     let is = |name: &str, value: &str| env::var(name).is_ok_and(|found| found == value);

@@ -20,6 +20,10 @@
 
 #![forbid(unsafe_code)]
 
+mod fold;
+
+pub use fold::fold_identical_functions;
+
 use std::collections::BTreeSet;
 use std::env;
 use std::fs;

@@ -151,7 +151,7 @@ impl Group {
         let mirror = inner.similarities.iter().zip(&mirrored).any(|(own, first)| own.mirrors() != *first);
         let given = |own: &Similarity| *own == Similarity::default() || *own == Similarity::reflection();
         let kept = inner.similarities.iter().all(given);
-        let pose = PoseParams { scale, mirror, ..PoseParams::default() };
+        let pose = PoseParams { scale, mirror: mirror && !kept, ..PoseParams::default() };
         let params = of_new_members(&inner, pose, kept);
         Ok((Self { inner: Arc::new(inner), names: names.clone(), params, mirrored, warnings }, names))
     }
