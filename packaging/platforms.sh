@@ -32,7 +32,11 @@ build() {
   compilers "$1"
   if [ "$1" = windows ]; then need wine wine wine64; random_numbers_for_wine; fi
   say "$1: building"
-  cargo build --release --target "$(triple "$1")" --bin spharm --no-default-features --features tables
+  # For Windows (MinGW), rustc writes all functions of a compilation unit into one section, so the linker can't drop
+  # unused functions. Thin LTO drops them, and compiles everything at the level of the last crate.
+  local settings=()
+  [ "$1" != windows ] || settings=(--config 'profile.release.lto="thin"' --config 'profile.release.package.spharm-tools.opt-level=3')
+  cargo build --release --target "$(triple "$1")" --bin spharm --no-default-features --features tables "${settings[@]}"
 }
 
 # Rust's standard library takes random numbers from bcryptprimitives.dll, which Windows has had since version 7 and Wine
