@@ -41,7 +41,8 @@ static void at_exit(qemu_plugin_id_t id, void *data)
 __attribute__((visibility("default"))) int qemu_plugin_install(qemu_plugin_id_t id, const void *info, int argc, char **argv)
 {
     (void)info;
-    if (argc == 1 && strncmp(argv[0], "only=", 5) == 0) only = argv[0] + 5;
+    if (argc != 1 || strncmp(argv[0], "only=", 5) != 0) return 1;
+    only = argv[0] + 5;
     qemu_plugin_register_vcpu_tb_trans_cb(id, translated);
     qemu_plugin_register_atexit_cb(id, at_exit, NULL);
     return 0;

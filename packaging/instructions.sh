@@ -22,7 +22,7 @@ count() {
   local program=$out/$1/$target/release/examples/instructions once twice
   run() { RAYON_NUM_THREADS=1 qemu-aarch64 -L /usr/aarch64-linux-gnu -plugin "$out/count.so,only=spharm_transform" "$program" "$@" 2>&1 >/dev/null; }
   once=$(run "$2" 1); twice=$(run "$2" 2)
-  if [[ ! $once$twice =~ ^[0-9]+$ ]]; then echo "error: $program: $once $twice" >&2; exit 1; fi
+  if [[ ! $once$twice =~ ^[0-9]+$ ]] || [ "$twice" -le "$once" ]; then echo "error: $program: $once $twice" >&2; exit 1; fi
   echo $(((twice - once) / 1000000))
 }
 
