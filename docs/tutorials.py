@@ -3,9 +3,9 @@
     python docs/tutorials.py [PAGE ...]
 
 Without pages it runs those that take less than a minute, `cells` and `sphere`; `group` takes four minutes, `freesurfer`
-three and nilearn. A complete study file among the blocks is written to study.toml. Blocks marked `py` in place of `python`
-need a program with a window, such as napari, and aren't run. The first block that fails ends the run with status 1.
-`spharm` must be in the path.
+three and nilearn. A complete study file among the blocks is written to study.toml. Blocks marked `py` in place of
+`python` need a program with a window, such as napari, and aren't run. The first block that fails ends the run with
+status 1. `spharm` must be in the path.
 """
 
 import re

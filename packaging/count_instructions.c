@@ -1,6 +1,6 @@
-/* A plugin of QEMU that prints the number of instructions that a program has executed in functions whose symbols contain
-   the text of the argument `only=TEXT`. The declarations are those of qemu-plugin.h, version 1, which Debian's package
-   doesn't contain. */
+/* A plugin of QEMU that prints the number of instructions that a program has executed in functions whose symbols
+   contain the text of the argument `only=TEXT`. The declarations are those of qemu-plugin.h, version 1, which Debian's
+   package doesn't contain. */
 #include <inttypes.h>
 #include <stddef.h>
 #include <stdio.h>

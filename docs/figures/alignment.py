@@ -3,7 +3,7 @@
 import warnings
 
 import numpy as np
-from shapes import body
+from shapes import angles_from, body
 from draw import panels
 
 import spharm_rs as sp
@@ -21,10 +21,9 @@ turn = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 moved, target = model(1.2, turn, seed=3), model(1.0)
 found = sp.shape.align(moved, target)
 sphere = sp.icosphere(5)
-angle = np.degrees(np.arccos(np.clip(sphere.vertices[:, 2], -1, 1)))
 panels(
     [one.surface(sphere) for one in (moved, found.model, target)],
-    [angle] * 3,
+    [angles_from(2, sphere)] * 3,
     ["a body", f"aligned: {found.rmsd_after:.2f} rms", "the target"],
     view=(-75, 15),
     cmap="turbo",

@@ -1,7 +1,7 @@
 """A surface after a rotation of its parameters, and after a rotation of space. Colours are those of the directions."""
 
 import numpy as np
-from shapes import body
+from shapes import angles_from, body
 from draw import panels
 
 import spharm_rs as sp
@@ -12,10 +12,9 @@ angle = np.radians(60)
 turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
 models = [model, model.rotate(parameters=turn), model.rotate(object=turn)]
 sphere = sp.icosphere(5)
-angle_from_x = np.degrees(np.arccos(np.clip(sphere.vertices[:, 0], -1, 1)))
 panels(
     [one.surface(sphere) for one in models],
-    [angle_from_x] * 3,
+    [angles_from(0, sphere)] * 3,
     ["the model", "parameters rotated by 60°", "space rotated by 60°"],
     view=(-75, 15),
     cmap="turbo",

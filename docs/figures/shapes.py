@@ -23,6 +23,11 @@ def body(level=4, arms=5, length=1.7):
     return sp.Surface(u * radius[:, np.newaxis], sphere.faces)
 
 
+def angles_from(axis, sphere):
+    """Angle of each direction of a sphere from an axis, 0 for x to 2 for z, in degrees."""
+    return np.degrees(np.arccos(np.clip(sphere.vertices[:, axis], -1, 1)))
+
+
 def areas(mesh):
     """Area of each triangle, all of them 1."""
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)

@@ -254,12 +254,17 @@ def test_a_member_that_is_not_like_the_others_is_named(folder: Path, made: Any, 
     assert any(text.startswith("4: ") and warning in text for text in found.warnings)
 
 
-def test_a_mirrored_member_is_named() -> None:
-    ball = sp.icosphere(4)
+def bodies_without_symmetry(count: int, subdivisions: int) -> list[sp.Surface]:
+    """Returns ellipsoids of slightly different widths with two bumps each, which differ from their mirror images."""
+    ball = sp.icosphere(subdivisions)
     directions = np.asarray(ball.vertices)
     near = [np.exp(6 * (directions @ place - 1)) for place in ([0.6, 0.64, 0.48], [-0.36, 0.48, -0.8])]
     radius = 1 + 0.4 * near[0] + 0.3 * near[1]
-    bodies = [sp.Surface(directions * radius[:, None] * [9, 6 + 0.1 * k, 4], ball.faces) for k in range(5)]
+    return [sp.Surface(directions * radius[:, None] * [9, 6 + 0.1 * k, 4], ball.faces) for k in range(count)]
+
+
+def test_a_mirrored_member_is_named() -> None:
+    bodies = bodies_without_symmetry(5, subdivisions=4)
     bodies[3] = moved(bodies[3], mirror=True)
     with pytest.warns(sp.SpharmWarning, match="3: the mirror image fits"):
         found = sp.shape.correspond(bodies, 6, subdivisions=3, refine=False)
@@ -276,11 +281,7 @@ def test_a_mirrored_member_is_named() -> None:
 
 @pytest.mark.parametrize("known", [False, True])
 def test_files_state_which_members_were_mirrored_before_the_alignment(known: bool, tmp_path: Path) -> None:
-    ball = sp.icosphere(3)
-    directions = np.asarray(ball.vertices)
-    near = [np.exp(6 * (directions @ place - 1)) for place in ([0.6, 0.64, 0.48], [-0.36, 0.48, -0.8])]
-    radius = 1 + 0.4 * near[0] + 0.3 * near[1]
-    bodies = [sp.Surface(directions * radius[:, None] * [9, 6 + 0.1 * k, 4], ball.faces) for k in range(3)]
+    bodies = bodies_without_symmetry(3, subdivisions=3)
     bodies[2] = moved(bodies[2], mirror=True)
     mirrored = [False, False, True]
     settings: dict[str, Any] = {"mirrored": mirrored} if known else {"mirror": True}
