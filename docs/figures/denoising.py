@@ -1,4 +1,4 @@
-"""Power by degree of a surface with noise at its vertices: without noise, plain fit and denoised fit, and the errors."""
+"""Power by degree of a surface without noise, and of its fits with noise: plain and denoised; and the errors."""
 
 import matplotlib.pyplot as plt
 import numpy as np
