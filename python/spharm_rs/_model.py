@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core, _model_tables, convert
 from ._arrays import Floats
+from ._model_meshes import Meshes
 from ._model_values import Values
 from ._parametrize import Parametrization, Seam
 from ._picture import Picture, picture
@@ -35,7 +36,7 @@ _MIRRORED = (
 _COMPRESSED = ".sphz"
 
 
-class Model(Values):
+class Model(Values, Meshes):
     """A model: functions on the sphere, each a sum of real spherical harmonics.
 
     Parameters

@@ -237,6 +237,14 @@ def test_meshes_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     read = nibabel.GiftiImage.from_bytes(image.to_bytes())
     np.testing.assert_allclose(sp.as_surface(read).vertices, surface.vertices, rtol=1e-6)
     np.testing.assert_array_equal(sp.as_surface(read).faces, surface.faces)
+    fitted = sp.fit(*sp.example_surface(4), 6)
+    for at, degree in ((None, None), (3, 4)):
+        expected = fitted.surface(at, degree=degree)
+        of_model = fitted.to_trimesh(at, degree=degree)
+        np.testing.assert_array_equal(of_model.vertices, expected.vertices)
+        np.testing.assert_array_equal(of_model.faces, expected.faces)
+        np.testing.assert_array_equal(sp.as_surface(fitted.to_nibabel(at, degree=degree)).faces, expected.faces)
+    assert fitted.to_nilearn(fitted.curvature(), hemisphere="right").data.parts["right"].shape == (2562,)
     load = builtins.__import__
 
     def without_pyvista(name: str, *rest: Any) -> Any:
