@@ -81,10 +81,11 @@ def reported(rows, rounds):
             ours, (_, report) = timed(lambda: sp.solve(transform, surface[:, 0]))
             planning.append(plan)
             solving.append(ours / sum(report["seconds"].values()))
+            del transform
             bare.append(timed(lambda: sp.solve(directions, surface[:, 0], degree))[0] / (plan + 1.15 * ours))
             ours, model = timed(lambda: sp.fit(surface, directions, degree))
             fitting.append(ours / sum(model.report["seconds"].values()))
-            del transform, model
+            del model
         what = f"n = {n:,}, L = {degree}"
         print(f"planning, {what}: {statistics.median(planning):.3f} s")
         rows.bar(f"solve with a Transform, {what}, over its report", statistics.median(solving), 1.15)
@@ -171,7 +172,7 @@ def interrupts(rows, times):
     with tempfile.TemporaryDirectory() as name:
         number = iter(range(10**6))
         works = {
-            "fit": lambda: sp.fit(rough, rough, 80, tolerance=1e-14),
+            "fit": lambda: sp.fit(rough, rough, 100, tolerance=1e-14),
             "parametrize, 163,842 vertices": lambda: sp.parametrize(surface),
             "basis": lambda: sp.Store(Path(name) / str(next(number))).build(sphere, 60),
             "factor": lambda: sp.Store(Path(name) / str(next(number))).factor(rough, 80, memory="2GiB"),

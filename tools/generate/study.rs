@@ -98,7 +98,8 @@ impl Generated {
         if !cli.bump.is_finite() {
             bail!("--bump: expected a finite number, found {}", cli.bump);
         }
-        let study = Study { seed: cli.variant, bump: cli.bump, ..Study::default() };
+        let subdivisions = cli.subdivisions.unwrap_or(Study::default().subdivisions);
+        let study = Study { subdivisions, seed: cli.variant, bump: cli.bump };
         let half = cli.subjects.div_ceil(2);
         let digits = cli.subjects.to_string().len().max(2);
         let subject = |number: u64| {

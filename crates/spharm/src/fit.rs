@@ -31,6 +31,7 @@ pub use quadrature::Quadrature;
 
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
 use ndarray::Array2;
 use spharm_harmonics::Coefficients;
@@ -211,9 +212,11 @@ fn fit_over<T: Send, E: From<Error> + Send>(
 ) -> Result<(Vec<T>, ManyReport), E> {
     params.check()?;
     in_pool(params.threads, || {
+        let mark = Instant::now();
         let job = Job::new(sphere, planned, params, monitor)?;
-        let (scheme, scalar) = (job.key, job.scalar);
+        let (scheme, scalar, planning) = (job.key, job.scalar, mark.elapsed());
         let mut run = Run::new(job, count, read, done, monitor)?;
+        run.seconds.plan += planning.as_secs_f64();
         match params.method {
             // No target could be read, so there is nothing to fit.
             _ if count > 0 && run.next_is_surface()?.is_none() => {}

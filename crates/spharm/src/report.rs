@@ -169,7 +169,7 @@ impl BatchReport {
 pub struct Seconds {
     /// Wall time of reading targets.
     pub read: f64,
-    /// Wall time of planning memory and preparing transforms.
+    /// Wall time of checking the weights, computing the sampling's key, planning memory and preparing transforms.
     pub plan: f64,
     /// Wall time of solving.
     pub solve: f64,
