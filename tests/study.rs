@@ -84,7 +84,7 @@ fn the_methods_count_surfaces_and_blocks_if_a_subject_has_several_rows() {
         None => format!("{line},child\n"),
     };
     fs::write(&table, rows.lines().map(with_child).collect::<String>()).expect("a table");
-    let text = STUDY.replace("surfaces = false", "surfaces = false\nplain = false") + "blocks = \"child\"\n";
+    let text = STUDY.replace("surfaces = false", "surfaces = true\nplain = false") + "blocks = \"child\"\n";
     fs::write(site.path().join("study.toml"), text).expect("a file");
     succeed(&mut study(site.path(), &[]));
     let methods = fs::read_to_string(site.path().join("out/methods.md")).expect("a paragraph");

@@ -55,8 +55,8 @@ fn numbers(value: &Value) -> Vec<f64> {
 #[test]
 fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
     let site = Site::new(
-        "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\n[fit]\nmax_degree = 10\n[[test]]\nname = \"bump\"\n\
-         effect = \"group\"\n",
+        "output = \"out\"\n[subjects]\ntable = \"meshes/study.csv\"\n[fit]\nmax_degree = 10\n[quality]\nsurfaces = false\n\
+         [[test]]\nname = \"bump\"\neffect = \"group\"\n",
     );
     site.generate(&["--study", "meshes", "--subjects", "12", "--bump", "1.5"]);
     let output = finish(&mut site.study(&[]));
