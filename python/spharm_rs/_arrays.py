@@ -138,6 +138,38 @@ def channels(what: str, values: ArrayLike) -> Floats:
     return array
 
 
+def at_vertices(what: str, values: ArrayLike) -> Floats:
+    """Returns values on vertices as `channels` does, and refuses models, which NumPy would take for their coefficients."""
+    if hasattr(type(values), "max_degree"):
+        raise ValueError(f"{what}: expected a value for each vertex, found a {type(values).__name__}; call its evaluate()")
+    return channels(what, values)
+
+
+def at_each(what: str, values: ArrayLike, count: int) -> Floats:
+    """Returns one value for each of ``count`` vertices, (count,), from an array (count,) or (count, 1), or an image."""
+    array = at_vertices(what, values)
+    if array.shape != (count, 1):
+        shape = np.shape(unwrapped(what, values))
+        raise ValueError(f"{what}: expected shape ({count},), found {shape}")
+    return array[:, 0]
+
+
+def of_grid(values: Any, count: int) -> tuple[Any, tuple[int, ...] | None]:
+    """Returns values (n_latitude, n_longitude) or (n_latitude, n_longitude, c) of ``count`` directions as (n,) or (n, c), and
+    the grid's shape; values of another shape unchanged, and None."""
+    shape = np.shape(values)
+    if len(shape) in (2, 3) and shape[0] != count and shape[0] * shape[1] == count:
+        return np.reshape(values, (-1, *shape[2:])), shape[:2]
+    return values, None
+
+
+def raveled(given: Any, grid: tuple[int, ...] | None) -> Any:
+    """Returns a mask, weights or noise of a grid in the order of its directions; anything else unchanged."""
+    if grid is None or given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != grid:
+        return given
+    return np.ma.ravel(given) if np.ma.isMaskedArray(given) else np.ravel(given)
+
+
 def weights(values: ArrayLike, vertices: int) -> Floats:
     """Returns a weight for each vertex, (n,)."""
     array = real("weights", values, f"({vertices},)")

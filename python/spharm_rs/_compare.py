@@ -93,7 +93,8 @@ def compare(
     ----------
     surface, other : Model, Surface, or what `as_surface` takes
         Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
-        if the model was fitted to it, or else on an icosphere of 163,842 vertices. Equal directions of two models whose
+        if the model was fitted to it, or else on an icosphere of 163,842 vertices, as always for ``surface_distance=True``
+        without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of two models whose
         surfaces were mapped separately don't correspond, so the distance between these surfaces is measured.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
@@ -151,16 +152,16 @@ def compare(
     between: dict[str, Any] | None = None
     each: Floats | None = None
     if not corresponding if surface_distance is None else surface_distance:
-        count = _arrays.threads(threads)
-        text, each = _core.surface_distance(
-            *arrays,
-            samples=_arrays.whole("samples", samples, 1),
-            mask=kept,
-            memory=_arrays.size(memory),
-            threads=count,
-            progress=callback(progress),
-        )
+        asked: Any = {"memory": _arrays.size(memory), "threads": _arrays.threads(threads), "progress": callback(progress)}
+        points = _arrays.whole("samples", samples, 1)
+        finer = [first, second]
+        if kept is None:
+            finer = [_finer(first, surface, threads), _finer(second, other, threads)]
+        smooth = finer[0].vertices, finer[0].faces, finer[1].vertices, finer[1].faces
+        text, each = _core.surface_distance(*smooth, samples=points, mask=kept, **asked)
         between = json.loads(text)
+        if finer[1] is not second:
+            _, each = _core.surface_distance(*smooth[:2], second.vertices, second.faces, samples=1, mask=None, **asked)
     if between is not None and each is not None and not corresponding:
         nan = float("nan")
         return Distances(nan, nan, between["rms"], between["hausdorff"], between["scale"], each, between, False)
@@ -178,8 +179,17 @@ _APART = (
     "the distance between the surfaces"
 )
 
+
+def _finer(evaluated: Surface, given: Any, threads: int | None) -> Surface:
+    """Returns the surface of a model on a fine icosphere, if it was evaluated at the vertices of a coarser mesh."""
+    if not isinstance(given, Model) or given._inner.seam is not None or len(evaluated.vertices) >= _FINE:
+        return evaluated
+    return given.surface(_LEVEL, threads=threads)
+
+
 #: Subdivisions of the icosphere on which models are compared: 163,842 vertices, as by ``spharm compare``.
 _LEVEL = 7
+_FINE = 10 * 4**_LEVEL + 2
 
 
 def _surfaces(surface: Any, other: Any, threads: int | None) -> tuple[Surface, Surface]:

@@ -476,6 +476,7 @@ def shape_morph(
     end: Model,
     times: Sequence[float],
     *,
+    fixed: bool | None,
     keep_pose: bool,
     mirror: bool,
     threads: int | None = None,

@@ -23,6 +23,12 @@ from ._warnings import Problem, issue, warn
 from .reports import FitReport
 
 
+def _degree(max_degree: Any) -> int:
+    if max_degree is None or isinstance(max_degree, str):
+        raise ValueError(f"max_degree: expected a whole number, found {max_degree!r}; choose_degree(surface) chooses one")
+    return _arrays.whole("max_degree", max_degree)
+
+
 def _settings(
     max_degree: int,
     vertices: int,
@@ -56,7 +62,7 @@ def _settings(
     if passes is None:
         passes = 16 if accelerate else 4 if method == "mirf" else 1
     return {
-        "max_degree": _arrays.whole("max_degree", max_degree),
+        "max_degree": _degree(max_degree),
         "method": method,
         "passes": _arrays.whole("passes", passes, 1),
         "granularity": _arrays.whole("granularity", granularity, 1),
@@ -122,13 +128,6 @@ def refuse_both(what: str, surface: Any) -> None:
             f"{what}: expected a mesh or values, found a {type(surface).__name__}, which has both; "
             "give image.mesh to fit the shape, or image.data to fit the map of its values"
         )
-
-
-def _raveled(given: Any, shape: tuple[int, ...]) -> Any:
-    """Returns a mask or weights of a grid, in the order of its directions; anything else unchanged."""
-    if given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != shape:
-        return given
-    return np.ma.ravel(given) if isinstance(given, np.ma.MaskedArray) else np.ravel(given)
 
 
 def _check_values(
@@ -568,11 +567,9 @@ def solve(
     if degree == -1:
         raise ValueError("max_degree: expected a degree, which is required with directions; found None")
     values = _arrays.real("values", values, "(n,) or (n, c), or that of a grid", flags=True)
-    shape, flat = values.shape, values.ndim == 1
-    if len(shape) in (2, 3) and shape[0] != len(directions) and shape[0] * shape[1] == len(directions):
-        # Of a grid: (n_latitude, n_longitude) and perhaps channels.
-        values, flat = np.reshape(values, (-1, *shape[2:])), len(shape) == 2
-        weights, mask = (_raveled(given, shape[:2]) for given in (weights, mask))
+    values, grid = _arrays.of_grid(values, len(directions))
+    weights, mask = (_arrays.raveled(given, grid) for given in (weights, mask))
+    flat = values.ndim == 1
     array = _arrays.channels("values", values)
     if len(array) != len(directions):
         raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")
@@ -597,7 +594,6 @@ def solve(
     issue((getattr(errors, kind), problem) for kind, problem in problems)
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
-    flat = np.ndim(values) == 1
     if deviations is not None:
         report["standard_errors"] = deviations[:, 0] if flat else deviations
     return coefficients[:, 0] if flat else coefficients, report

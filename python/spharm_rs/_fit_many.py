@@ -273,7 +273,7 @@ def fit_each(
 
 def _check_several(surfaces: Any) -> None:
     if isinstance(surfaces, (str, os.PathLike)) or not hasattr(surfaces, "__iter__"):
-        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; call fit instead")
+        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; give a list")
 
 
 def processors() -> int:

@@ -273,7 +273,7 @@ class Model(Values, Meshes):
 
         Parameters
         ----------
-        values : array_like of float, (n,), optional
+        values : array_like of float, (n,) or (n, 1), optional
             A value for each vertex of the sphere, such as those of ``model.curvature(5)``. Values at the directions of the
             fit, such as those of ``model.curvature()``, need ``at=model.sphere``.
         at : int, Surface or what `as_surface` takes, or None
@@ -298,13 +298,15 @@ class Model(Values, Meshes):
         mesh = self.surface(at, degree=degree)
         if values is None:
             return mesh
-        shape, expected = np.shape(_arrays.unwrapped("values", values)), (len(mesh.vertices),)
-        if shape != expected:
+        count = len(mesh.vertices)
+        shape = _arrays.at_vertices("values", values).shape
+        if shape[0] != count:
             given = f"at={at}" if at is None or isinstance(at, (int, str)) else f"at, a {type(at).__name__}"
-            of_fit = self.sphere is not None and shape == (len(self.sphere.vertices),)
+            of_fit = self.sphere is not None and shape[0] == len(self.sphere.vertices)
             advice = "give at=model.sphere for values at the vertices of the fit" if of_fit else "give the values' sphere as at="
             raise ValueError(
-                f"values: expected shape {expected}, a value for each vertex of the sphere {given}; found {shape}; {advice}"
+                f"values: expected shape ({count},), a value for each vertex of the sphere {given}; "
+                f"found {np.shape(_arrays.unwrapped('values', values))}; {advice}"
             )
         return mesh
 
@@ -537,7 +539,10 @@ def core(what: str, model: Any, advice: str = "") -> _core.Model:
     """Returns the extension module's object for a model; ``advice`` says what to do with a mesh instead."""
     if not isinstance(model, Model):
         found = type(model).__name__
-        raise ValueError(f"{what}: expected a Model, found {found}; spharm_rs.fit makes a Model of a surface{advice}")
+        makes = "spharm_rs.fit makes a Model of a surface"
+        if isinstance(model, np.ndarray):
+            makes = "spharm_rs.Model(coefficients) makes a Model of coefficients, and spharm_rs.fit one of a surface"
+        raise ValueError(f"{what}: expected a Model, found {found}; {makes}{advice}")
     return model._inner
 
 

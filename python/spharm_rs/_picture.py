@@ -68,7 +68,7 @@ def picture(
     ----------
     surface : Surface or what `as_surface` takes
         Models are drawn by `Model.picture`.
-    values : array_like of float, (n,), or image, optional
+    values : array_like of float, (n,) or (n, 1), or image, optional
         A value for each vertex, also as an image of nibabel or nilearn; NaN is grey.
     limits : pair of float, optional
         Values of the first and the last colour; by default the range of the values, symmetric if they have both signs.
@@ -96,9 +96,7 @@ def picture(
     mesh = as_surface(surface)
     colours = None
     if values is not None:
-        colours = _arrays.real("values", values, f"({len(mesh.vertices)},)")
-        if colours.shape != (len(mesh.vertices),):
-            raise ValueError(f"values: expected shape ({len(mesh.vertices)},), found {colours.shape}")
+        colours = _arrays.at_each("values", values, len(mesh.vertices))
     return Picture(
         _core.picture(
             mesh.vertices,

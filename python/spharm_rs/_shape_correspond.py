@@ -8,7 +8,7 @@ import pathlib
 import tempfile
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Iterable, Literal, Sequence, overload
+from typing import Any, Iterable, Literal, Mapping, Sequence, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -499,7 +499,7 @@ def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], 
 
 
 def correspond(
-    surfaces: Iterable[Any],
+    surfaces: Iterable[Any] | Mapping[str, Any],
     max_degree: int,
     *,
     template: Any = None,
@@ -525,7 +525,7 @@ def correspond(
 
     Parameters
     ----------
-    surfaces : iterable
+    surfaces : iterable, or dict of names and surfaces
         Two or more: paths of meshes or of volumes of one label, `Surface`, `Model` (evaluated on an icosphere) or what
         `spharm_rs.as_surface` takes. Each path is read when its surface is needed.
     max_degree : int
@@ -588,8 +588,10 @@ def correspond(
     """
     if isinstance(surfaces, (str, os.PathLike, Surface, Model)) or not hasattr(surfaces, "__iter__"):
         raise ValueError(f"surfaces: expected a sequence of surfaces, found {surfaces!r}")
-    surfaces = list(surfaces)
-    names = _names(surfaces)
+    named = isinstance(surfaces, Mapping)
+    names = [str(name) for name in surfaces] if named else []
+    surfaces = list(surfaces.values() if isinstance(surfaces, Mapping) else surfaces)
+    names = names if named else _names(surfaces)
     marks = None if landmarks is None else matched(landmarks, len(surfaces))
     template_member = None
     if isinstance(template, str) and template in names:

@@ -83,6 +83,18 @@ def stacked(what: str, values: Any) -> Any:
     return np.stack(rows)
 
 
+def common_mesh(images: Any) -> Any:
+    """Returns the mesh of an image of nilearn, or of a list of images that have the same one; None for anything else."""
+    listed = images if isinstance(images, (list, tuple)) else [images]
+    if not listed or not all(_arrays.is_image(image) and hasattr(image, "mesh") for image in listed):
+        return None
+    first, *others = (as_surface(image.mesh) for image in listed)
+    same = all(
+        np.array_equal(first.vertices, other.vertices) and np.array_equal(first.faces, other.faces) for other in others
+    )
+    return first if same else None
+
+
 def check_tested(what: str, values: Floats, kept: Any) -> None:
     """Refuses values, (n, V) or (n, V, 3), that are NaN or infinite at tested vertices."""
     if kept is not None and not kept.any():

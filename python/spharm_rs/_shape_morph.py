@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,7 @@ def morph(
     end: Model,
     steps: int | ArrayLike = 11,
     *,
+    method: Literal["joint", "fixed"] | None = None,
     keep_pose: bool = False,
     mirror: bool = False,
     threads: int | None = None,
@@ -61,6 +63,10 @@ def morph(
         warning; `correspond` makes models that correspond.
     steps : int or array_like of float, (n,)
         Number of shapes, both ends included, at least 2; or the shapes' times.
+    method : {"joint", "fixed"}, optional
+        ``"fixed"`` aligns the first surface to the second by a rotation of space only, for models whose equal directions
+        correspond; ``"joint"`` also rotates the parameters, as `align` does. By default ``"fixed"`` for models that have the
+        same sphere, such as those of a group of `correspond`, without ``mirror``; otherwise ``"joint"``.
     keep_pose : bool
         Begin in the first surface's pose and rotate towards the second's; by default all shapes are in the second
         surface's pose.
@@ -97,6 +103,7 @@ def morph(
         first,
         last,
         times.tolist(),
+        fixed=None if method is None else _arrays.choice("method", method, ("joint", "fixed")) == "fixed",
         keep_pose=bool(keep_pose),
         mirror=bool(mirror),
         threads=_arrays.threads(threads),

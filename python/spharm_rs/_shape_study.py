@@ -15,7 +15,16 @@ from ._model import Model, sampling
 from ._progress import Progress, callback
 from ._shape_columns import Cells, categories_of, levels_of, names_of, numbers_or_levels
 from ._shape_correspond import Group
-from ._shape_inference import Cluster, check_mask_file, check_tested, inference_of, scattered, stacked, tested_surface
+from ._shape_inference import (
+    Cluster,
+    check_mask_file,
+    check_tested,
+    common_mesh,
+    inference_of,
+    scattered,
+    stacked,
+    tested_surface,
+)
 from ._shape_poses import cores
 from ._shape_result import TestResult
 from ._surface import Surface
@@ -323,7 +332,7 @@ def group_test(
         their areas.
     surface : Surface or what `spharm_rs.as_surface` takes, optional
         The surface at whose vertices values were measured, for ``tfce``, ``cluster`` and pictures. By default the mean of the
-        models; for a signal and for values, the sphere. It has V vertices.
+        models; for a signal and for values, the sphere; for images of nilearn with the same mesh, this mesh. It has V vertices.
     permutations : int
         Number of random relabellings, at most 100,000,000; 0 for none.
     seed : int
@@ -407,6 +416,7 @@ def group_test(
         if mean and minus is None and signal != "value":
             raise ValueError("mean: the mean of displacements from the mean is always zero; give minus, or signal='value'")
     else:
+        surface = common_mesh(subjects) if surface is None and sphere is None else surface
         values = _arrays.real("subjects", stacked("subjects", subjects), "(n, V) or (n, V, 3)")
         if values.ndim not in (2, 3):
             raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")

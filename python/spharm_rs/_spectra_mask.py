@@ -248,11 +248,18 @@ def _samples(
     directions: ArrayLike, values: ArrayLike, weights: ArrayLike | None, mask: ArrayLike | None, what: str = "values"
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Returns directions, values, weights and mask, with 0 for values that have no weight."""
-    at, array = _arrays.positions("directions", directions), _arrays.channels(what, values)
+    at = _arrays.positions("directions", directions)
+    array = _arrays.channels(what, values)
     if len(array) != len(at):
         raise ValueError(f"{what}: expected a row for each of {len(at)} directions, found shape {np.shape(values)}")
     areas, kept = _weights(weights, mask, len(at))
     return at, finite(what, np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
+
+
+def _of_grid(count: int, values: Any, *others: Any) -> tuple[Any, ...]:
+    """Returns values of a grid of ``count`` directions, and other arrays of its shape, in the order of the directions."""
+    values, grid = _arrays.of_grid(values, count)
+    return values, *(_arrays.raveled(given, grid) for given in others)
 
 
 def pseudo_spectrum(
@@ -270,8 +277,9 @@ def pseudo_spectrum(
     ----------
     directions : array_like of float, (n, 3)
         Scattered, or of a quadrature or an icosphere. Vectors of any nonzero length.
-    values : array_like of float, (n,) or (n, c)
-        Values where the mask or the weight is 0 are never read, and may be NaN.
+    values : array_like of float, (n,) or (n, c), or of a grid, (n_latitude, n_longitude) or (n_latitude, n_longitude, c)
+        With values of a grid, weights, mask and noise may have its shape. Values where the mask or the weight is 0 are never
+        read, and may be NaN.
     max_degree : int
         Highest degree L, inclusive.
     mask : array_like of bool or float, (n,), optional
@@ -316,13 +324,15 @@ def pseudo_spectrum(
     >>> from spharm_rs import spectra
     >>> coefficients = np.random.default_rng(0).normal(size=81)
     >>> grid = spectra.grid(coefficients)
-    >>> found = spectra.pseudo_spectrum(grid.directions, grid.values.ravel(), 8, weights=grid.weights)
+    >>> found = spectra.pseudo_spectrum(grid.directions, grid.values, 8, weights=grid.weights)
     >>> exact = spectra.spectrum(coefficients, unit="per_lm", convention="energy")
     >>> bool(np.allclose(found.power, exact.power)), found
     (True, PseudoSpectrum(degrees 0 to 8, f_sky 1))
     """
     degree = _arrays.whole("max_degree", max_degree)
-    at, array, areas, kept = _samples(directions, values, weights, mask)
+    at = _arrays.positions("directions", directions)
+    values, weights, mask, noise = _of_grid(len(at), values, weights, mask, noise)
+    _, array, areas, kept = _samples(at, values, weights, mask)
     if (total := float(areas[kept != 0].sum())) > 4 * np.pi * (1 + _EXCESS):
         raise ValueError(
             "weights: expected areas on the unit sphere or weights of a quadrature, with a sum of at most 4 pi = 12.57, "
@@ -394,8 +404,8 @@ def decoupled_spectrum(
         after the last. Narrow bins are strongly correlated if they are narrower than 180 degrees over the mask's width
         in degrees.
     shape : array_like of float, (L + 1,), optional
-        Expected spectrum, up to a factor for each bin, above 0; by default constant. A bin's power depends on it if the
-        spectrum varies within the bin.
+        Expected spectrum, up to a factor for each bin, above 0; by default constant. If the spectrum varies much within a
+        bin, give its slope, such as ``1 / (1 + np.arange(L + 1)) ** 2``: otherwise this bin and its neighbours are biased.
 
     Returns
     -------
@@ -442,7 +452,9 @@ def decoupled_spectrum(
     """
     degree = _arrays.whole("max_degree", max_degree)
     edges, expected = _edges(bins, degree), _shape(shape, degree)
-    at, array, areas, kept = _samples(directions, values, weights, mask)
+    at = _arrays.positions("directions", directions)
+    values, weights, mask, noise = _of_grid(len(at), values, weights, mask, noise)
+    _, array, areas, kept = _samples(at, values, weights, mask)
     double = Transform(at, 2 * degree, channels=1)
     if weights is None:
         _warn_if_uneven(at)
@@ -503,8 +515,11 @@ def decoupled_cross_spectrum(
     edges, expected = _edges(bins, degree), _shape(shape, degree)
     if not (isinstance(noise, str) and noise == "auto") and not (np.ndim(noise) == 0 and noise == 0):
         raise ValueError(f"noise: expected 0 or 'auto', found {noise!r}")
-    at, first, areas, kept = _samples(directions, a, weights, mask, "a")
-    _, second, _, _ = _samples(directions, b, weights, mask, "b")
+    at = _arrays.positions("directions", directions)
+    a, weights, mask = _of_grid(len(at), a, weights, mask)
+    (b,) = _of_grid(len(at), b)
+    _, first, areas, kept = _samples(at, a, weights, mask, "a")
+    _, second, _, _ = _samples(at, b, weights, mask, "b")
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
         raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as in a; found {second.shape[1]}")
     double, w = Transform(at, 2 * degree, channels=1), areas * kept

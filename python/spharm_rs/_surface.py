@@ -111,7 +111,7 @@ class Surface:
         mesh = InMemoryMesh(self.vertices.copy(), self.faces.astype(np.int64))
         if values is None:
             return mesh
-        data = _arrays.channels("values", values)
+        data = _arrays.at_vertices("values", values)
         if len(data) != len(self.vertices):
             raise ValueError(f"values: expected one for each of the {len(self.vertices)} vertices, found {len(data)}")
         return SurfaceImage({hemisphere: mesh}, {hemisphere: data.reshape(np.shape(values)).copy()})

@@ -115,10 +115,25 @@ def test_a_mesh_in_place_of_a_model_is_named_by_its_type(pair: tuple[sp.Model, s
             call()
     with pytest.raises(ValueError, match="shape.pose finds the pose of a mesh"):
         sp.shape.align(mesh, model)
-    with pytest.raises(ValueError, match="^model: expected a Model, found ndarray; spharm_rs.fit makes a Model of a surface$"):
+    with pytest.raises(ValueError, match="^model: expected a Model, found ndarray; spharm_rs.Model\\(coefficients\\) makes"):
         sp.shape.rotate(np.ones((81, 3)))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="^models: expected a sequence of Model, found Model$"):
         sp.shape.procrustes(model)  # type: ignore[arg-type]
+
+
+def test_the_model_of_a_coarse_mesh_is_smooth() -> None:
+    mesh = sp.icosphere(2)
+    ball = sp.fit(mesh, mesh, 1, objective="vertices")
+    found = sp.compare(mesh, ball, surface_distance=True)
+    assert found.corresponding and found.rms < 1e-9 and found.surface is not None
+    # The mean depth of triangles below the ball is an eighth of their squared edges.
+    a, b, c = mesh.vertices[mesh.faces.T]
+    edges = np.mean([((x - y) ** 2).sum(axis=1).mean() for x, y in ((a, b), (b, c), (c, a))])
+    assert found.surface["mean"] == pytest.approx(edges / 8, rel=0.2)
+    turned = sp.compare(ball, mesh, surface_distance=True)
+    assert turned.surface is not None and turned.surface["mean"] == pytest.approx(found.surface["mean"], rel=1e-6)
+    for each in (found.per_vertex, turned.per_vertex):
+        assert each.shape == (162,) and each.max() < 1e-3
 
 
 def test_transforms_move_meshes_of_any_kind(pair: tuple[sp.Model, sp.Model]) -> None:

@@ -59,7 +59,8 @@ def test_poses_near_the_given_ones_are_not_turned_over() -> None:
         centre = rng.normal(size=3)
         bump = 1 + 0.02 * np.cos(3 * ball.vertices @ (centre / np.linalg.norm(centre)))
         surfaces.append(sp.Surface(ball.vertices * [12, 8, 6] * bump[:, np.newaxis], ball.faces))
-    group = sp.shape.correspond(surfaces, 6, subdivisions=3, pose="near")
+    group = sp.shape.correspond({f"body {k}": body for k, body in enumerate(surfaces)}, 6, subdivisions=3, pose="near")
+    assert group.names == ("body 0", "body 1", "body 2", "body 3", "body 4", "body 5")
     turns = [np.array(transform.matrix)[:3, :3] for transform in group.transforms]
     cosines = [(np.trace(turn @ turns[0].T) - 1) / 2 for turn in turns]
     assert min(cosines) > np.cos(np.radians(15))

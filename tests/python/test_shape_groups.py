@@ -434,6 +434,25 @@ def test_morphs_are_the_programs(tmp_path: Path) -> None:
         assert np.array_equal(theirs.coefficients, model.coefficients)
 
 
+def test_morphs_keep_the_correspondence_of_one_sphere() -> None:
+    sphere = sp.icosphere(4)
+    first, last = (sp.fit(sp.example_surface(4, seed)[0], sphere, 8) for seed in (0, 1))
+    kept = sp.shape.morph(first, last, 3, keep_pose=True)
+    assert np.allclose(kept.models[0].coefficients, first.coefficients, atol=1e-9)
+    assert np.allclose(kept.models[2].coefficients, last.coefficients, atol=1e-9)
+    fixed = sp.shape.align(first, last, "fixed").model.coefficients
+    assert np.allclose(sp.shape.morph(first, last, 2).models[0].coefficients, fixed, atol=1e-12)
+    joint = sp.shape.morph(first, last, 2, method="joint").models[0].coefficients
+    assert np.allclose(joint, sp.shape.align(first, last).model.coefficients, atol=1e-12)
+    assert abs(joint - fixed).max() > 1e-3
+    # Models without a sphere may be turned in their parameters.
+    bare = [sp.Model(model.coefficients) for model in (first, last)]
+    assert np.array_equal(sp.shape.morph(*bare, 2).models[0].coefficients, joint)
+    assert np.allclose(sp.shape.morph(*bare, 2, method="fixed").models[0].coefficients, fixed, atol=1e-12)
+    with pytest.raises(ValueError, match="method: expected one of joint, fixed; found 'foe'"):
+        sp.shape.morph(first, last, method="foe")  # type: ignore[arg-type]
+
+
 def test_bad_morphs_are_refused() -> None:
     one, signal = lump(0), sp.Model(np.ones((4, 1)))
     for steps in (1, 2.5, [[0.5]], [np.nan]):

@@ -28,6 +28,16 @@ def values_of(seed: int = 5) -> Any:
     return values
 
 
+def test_images_bring_their_common_mesh() -> None:
+    images = [SPHERE.to_nilearn(values) for values in values_of()]
+    for given in (images, SPHERE.to_nilearn(values_of().T)):
+        found = sp.shape.group_test(given, GROUPS, permutations=20, tfce=True)
+        assert found.surface is not None and np.array_equal(found.surface.faces, SPHERE.faces)
+        assert found.to_nilearn("p").mesh.parts["left"].coordinates.shape == SPHERE.vertices.shape
+    other = sp.Surface(2 * SPHERE.vertices, SPHERE.faces).to_nilearn(values_of()[0])
+    assert sp.shape.group_test([other, *images[1:]], GROUPS, permutations=20).surface is None
+
+
 @pytest.mark.parametrize("missing", [1e6, np.nan, np.inf])
 def test_a_mask_tests_the_columns_inside_alone(missing: float, tmp_path: Path) -> None:
     values = np.where(KEPT, values_of(), missing)

@@ -35,6 +35,22 @@ def test_masked_elements_of_a_mask_are_outside() -> None:
     assert np.array_equal(sp.solve(AT, FIELD, 2, mask=MASKED)[0], sp.solve(AT, FIELD, 2, mask=SEEN)[0])
 
 
+def test_values_of_a_grid_need_not_be_flattened() -> None:
+    grid = spectra.grid(RNG.normal(size=81), kind="DH2")
+    seen = abs(grid.latitude)[:, np.newaxis] > np.full(grid.values.shape, 20)
+    flat: dict[str, Any] = {"mask": seen.ravel(), "weights": grid.weights}
+    shaped: dict[str, Any] = {"mask": seen, "weights": np.reshape(grid.weights, grid.values.shape)}
+    at, values = grid.directions, grid.values
+    for function, settings in ((spectra.pseudo_spectrum, {"noise": 0.1}), (spectra.decoupled_spectrum, {"bins": 2})):
+        expected = function(at, values.ravel(), 8, **flat, **settings)  # type: ignore[operator]
+        found = function(at, values, 8, **shaped, **settings)  # type: ignore[operator]
+        assert found.power.shape == expected.power.shape and np.array_equal(found.power, expected.power)
+    cross = spectra.decoupled_cross_spectrum(at, values, values, 8, bins=2, **shaped)
+    assert np.array_equal(cross.power, spectra.decoupled_cross_spectrum(at, values.ravel(), values.ravel(), 8, bins=2, **flat).power)
+    pairs = spectra.pseudo_spectrum(at, np.stack([values, 2 * values], axis=2), 8, **shaped)
+    assert pairs.power.shape == (9, 2)
+
+
 def test_masked_elements_are_honoured_by_tests_and_qualities() -> None:
     values = RNG.normal(size=(6, len(AT)))
     names = ["a"] * 3 + ["b"] * 3

@@ -204,7 +204,14 @@ def test_values_at_other_vertices_are_refused_with_the_sphere_to_give() -> None:
             draw(at_fit)
     with pytest.raises(ValueError, match=r"vertex of the sphere at, a Surface; found \(162,\); give the values' sphere as at="):
         fitted.picture(fitted.curvature(2), at=sphere)
-    assert fitted.picture(at_fit, at=fitted.sphere, size=64).png == fitted.picture(at_fit, at=None, size=64).png
+    drawn = fitted.picture(at_fit, at=fitted.sphere, size=64).png
+    assert drawn == fitted.picture(at_fit, at=None, size=64).png
+    assert drawn == fitted.picture(at_fit[:, np.newaxis], at=None, size=64).png
+    signal = sp.fit(surface.vertices[:, 2], sphere, 6)
+    for call in (lambda: fitted.picture(signal), lambda: fitted.to_nilearn(signal)):
+        with pytest.raises(ValueError, match=r"values: expected a value for each vertex, found a Model; call its evaluate\(\)"):
+            call()
+    assert fitted.to_nilearn(signal.evaluate()).data.parts["left"].shape == (642, 1)
 
 
 def test_a_picture_is_saved_as_png_only(tmp_path: Path) -> None:
@@ -293,7 +300,7 @@ def test_one_surface_and_several_are_told_apart() -> None:
             sp.fit(several, max_degree=4)
     one: Any
     for one in (surface, "a.ply", 3):
-        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*call fit instead"):
+        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*give a list"):
             sp.fit_many(one, sphere, 4)
         with pytest.raises(ValueError, match="expected several surfaces or signals"):
             sp.fit_each(one, 4)

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::json;
 use spharm::model::made;
-use spharm::shape::AlignParams;
 use spharm::shape::memory::{align_bytes, measure_bytes};
 use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
+use spharm::shape::{AlignParams, Method};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -48,6 +48,10 @@ pub(super) struct Cli {
     /// Number of shapes, both ends included
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1000), help_heading = METHOD)]
     steps: u16,
+    /// Method of aligning the first model to the second [default: fixed if both models have the same sphere and
+    /// --mirror isn't given, otherwise joint]
+    #[arg(long, value_enum, help_heading = METHOD)]
+    method: Option<How>,
     /// Begin in the first model's pose
     #[arg(long, help_heading = METHOD)]
     keep_pose: bool,
@@ -70,6 +74,14 @@ pub(super) struct Cli {
     report: ReportArgs,
     #[command(flatten)]
     resources: Resources,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum How {
+    /// Search the rotations of space and of the parameters together
+    Joint,
+    /// Search only the rotation of space, for models whose equal directions correspond, such as those of a group
+    Fixed,
 }
 
 /// Width and height of the animation in pixels.
@@ -113,7 +125,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let icosphere = Some(cli.icosphere);
     plan.check_sampling(icosphere, plan.sampling(icosphere, None), needed)?;
     let (from, to) = (Model::read(&cli.from)?, Model::read(&cli.to)?);
-    let params = AlignParams { mirror: cli.mirror, scale: false, ..AlignParams::default() };
+    let method = match cli.method {
+        Some(How::Fixed) => Method::FixedParameters,
+        None if from.has_sphere_of(&to) && !cli.mirror => Method::FixedParameters,
+        _ => Method::Joint,
+    };
+    let params = AlignParams { method, mirror: cli.mirror, scale: false, ..AlignParams::default() };
     let pool = cli.resources.threads.pool()?;
     let (morph, ratio) = pool.install(|| -> Result<_> {
         let morph = Morph::new(&from.coefficients, &to.coefficients, &params, cli.keep_pose, monitor);

@@ -85,6 +85,16 @@ impl Model {
         }
     }
 
+    /// Returns whether the two models have the same sphere, as the members of a group do, so that equal directions
+    /// correspond.
+    #[must_use]
+    pub fn has_sphere_of(&self, other: &Self) -> bool {
+        match (&self.sphere, &other.sphere) {
+            (Some(own), Some(other)) => own.directions == other.directions,
+            _ => false,
+        }
+    }
+
     /// Returns the row, channel and value of the first coefficient that is NaN or infinite; `None` if all are finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize, f64)> {
         let mut values = self.coefficients.values().indexed_iter();

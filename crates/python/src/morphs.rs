@@ -3,8 +3,8 @@
 use pyo3::prelude::*;
 use spharm::Kind;
 use spharm::model::made;
-use spharm::shape::AlignParams;
 use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
+use spharm::shape::{AlignParams, Method};
 use spharm::{Error, Monitor};
 
 use crate::errors::Failure;
@@ -12,16 +12,18 @@ use crate::models::Model;
 use crate::poses::refuse_signals;
 use crate::run::run_owned;
 
-/// Returns the models at the given times, from 0 (start) to 1 (end). Also returns a ratio of volumes, and warnings. The
+/// Returns the models at the given times, from 0 (start) to 1 (end). `fixed` keeps the parameters; by default, they are
+/// kept if both models have the same sphere. Also returns a ratio of volumes, and warnings. The
 /// ratio is the volume at time 0.5 divided by the smaller of the volumes at the start and the end.
 #[pyfunction]
-#[pyo3(signature = (start, end, times, *, keep_pose, mirror, threads = None, progress = None))]
+#[pyo3(signature = (start, end, times, *, fixed, keep_pose, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn shape_morph(
     py: Python<'_>,
     start: PyRef<'_, Model>,
     end: PyRef<'_, Model>,
     times: Vec<f64>,
+    fixed: Option<bool>,
     keep_pose: bool,
     mirror: bool,
     threads: Option<usize>,
@@ -31,7 +33,9 @@ pub(crate) fn shape_morph(
     let (models, ratio, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         refuse_signals("start", std::slice::from_ref(&start))?;
         refuse_signals("end", std::slice::from_ref(&end))?;
-        let params = AlignParams { mirror, scale: false, ..AlignParams::default() };
+        let fixed = fixed.unwrap_or_else(|| start.has_sphere_of(&end) && !mirror);
+        let method = if fixed { Method::FixedParameters } else { Method::Joint };
+        let params = AlignParams { method, mirror, scale: false, ..AlignParams::default() };
         let morph = Morph::new(&start.coefficients, &end.coefficients, &params, keep_pose, monitor)?;
         let ratio = volume_ratio(&morph, monitor)?;
         let at = |&time: &f64| -> Result<spharm::Model, Failure> {
