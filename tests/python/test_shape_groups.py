@@ -446,9 +446,9 @@ def test_morphs_keep_the_correspondence_of_one_sphere() -> None:
     assert np.allclose(joint, sp.shape.align(first, last).model.coefficients, atol=1e-12)
     assert abs(joint - fixed).max() > 1e-3
     # Models without a sphere may be turned in their parameters.
-    bare = [sp.Model(model.coefficients) for model in (first, last)]
-    assert np.array_equal(sp.shape.morph(*bare, 2).models[0].coefficients, joint)
-    assert np.allclose(sp.shape.morph(*bare, 2, method="fixed").models[0].coefficients, fixed, atol=1e-12)
+    one, other = (sp.Model(model.coefficients) for model in (first, last))
+    assert np.array_equal(sp.shape.morph(one, other, 2).models[0].coefficients, joint)
+    assert np.allclose(sp.shape.morph(one, other, 2, method="fixed").models[0].coefficients, fixed, atol=1e-12)
     with pytest.raises(ValueError, match="method: expected one of joint, fixed; found 'foe'"):
         sp.shape.morph(first, last, method="foe")  # type: ignore[arg-type]
 

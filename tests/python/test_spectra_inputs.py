@@ -42,8 +42,8 @@ def test_values_of_a_grid_need_not_be_flattened() -> None:
     shaped: dict[str, Any] = {"mask": seen, "weights": np.reshape(grid.weights, grid.values.shape)}
     at, values = grid.directions, grid.values
     for function, settings in ((spectra.pseudo_spectrum, {"noise": 0.1}), (spectra.decoupled_spectrum, {"bins": 2})):
-        expected = function(at, values.ravel(), 8, **flat, **settings)  # type: ignore[operator]
-        found = function(at, values, 8, **shaped, **settings)  # type: ignore[operator]
+        expected = function(at, values.ravel(), 8, **flat, **settings)
+        found = function(at, values, 8, **shaped, **settings)
         assert found.power.shape == expected.power.shape and np.array_equal(found.power, expected.power)
     cross = spectra.decoupled_cross_spectrum(at, values, values, 8, bins=2, **shaped)
     assert np.array_equal(cross.power, spectra.decoupled_cross_spectrum(at, values.ravel(), values.ravel(), 8, bins=2, **flat).power)
