@@ -117,12 +117,14 @@ fn swapped_landmarks_are_named() {
         fs::write(marks.join(format!("{name}.json")), text).expect("landmarks");
     }
     let warnings = |more: &[&str]| {
-        let arguments = [&["-o", "group", "--force", "--no-refinement", "--rounds", "1"], more].concat();
+        let arguments = [&["-o", "group", "--force"], more].concat();
         json(&succeed(&mut correspond(site.path(), &BOXES, &arguments)))["warnings"].to_string()
     };
-    assert!(!warnings(&["--landmarks", "in"]).contains("swapped"));
-    for more in [&[][..], &["--guide", "--template", "in/s01.ply"], &["--guide", "--template", "in/s03.ply"]] {
-        let found = warnings(&[&["--landmarks", "marks"], more].concat());
+    let once = ["--no-refinement", "--rounds", "1"];
+    assert!(!warnings(&[&["--landmarks", "in"][..], &once].concat()).contains("swapped"));
+    let guided = [&["--guide", "--template", "in/s03.ply"][..], &once].concat();
+    for more in [&once[..], &["--guide", "--template", "in/s01.ply"], &guided] {
+        let found = warnings(&[&["--landmarks", "marks"][..], more].concat());
         assert!(found.contains("s03: the landmarks corner-000 and corner-111 seem to be swapped"), "{more:?}: {found}");
     }
     // In a group of three, the landmarks are compared without usual places.

@@ -87,6 +87,9 @@ fn the_methods_count_surfaces_and_blocks_if_a_subject_has_several_rows() {
     let text = STUDY.replace("surfaces = false", "surfaces = true\nplain = false") + "blocks = \"child\"\n";
     fs::write(site.path().join("study.toml"), text).expect("a file");
     succeed(&mut study(site.path(), &[]));
+    let quality = fs::read_to_string(site.path().join("out/quality/correspond.json")).expect("a report");
+    let quality: serde_json::Value = serde_json::from_str(&quality).expect("JSON");
+    assert!(quality["surface_generalisation"]["values"].is_array(), "distances between surfaces: {quality}");
     let methods = fs::read_to_string(site.path().join("out/methods.md")).expect("a paragraph");
     assert!(methods.starts_with("6 surfaces in 3 blocks (levels of child) were modelled by"), "{methods}");
 }

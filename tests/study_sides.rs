@@ -69,7 +69,7 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     let (effect, p) = (of("sides", "effect"), of("sides", "p-fwe"));
     let peak = (0..effect.len()).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
     assert!(effect[peak] < -0.6 && p[peak] < 0.01, "{} {}", effect[peak], p[peak]);
-    assert!(of("groups", "p-fwe").iter().all(|p| *p > 0.01));
+    assert!(of("groups", "p-fwe").iter().all(|p| *p > 0.05));
     let summary = |test: &str| fs::read_to_string(site.join(format!("out/tests/{test}/summary.csv"))).expect("a table");
     // Eight subjects are tested, because one is excluded. The bump makes the right bodies larger.
     let volume = summary("sides").lines().find(|line| line.starts_with("volume,")).map(str::to_owned).expect("a row");

@@ -154,20 +154,33 @@ def at_each(what: str, values: ArrayLike, count: int) -> Floats:
     return array[:, 0]
 
 
-def of_grid(values: Any, count: int) -> tuple[Any, tuple[int, ...] | None]:
-    """Returns values (n_latitude, n_longitude) or (n_latitude, n_longitude, c) of ``count`` directions as (n,) or (n, c), and
-    the grid's shape; values of another shape unchanged, and None."""
-    shape = np.shape(values)
-    if len(shape) in (2, 3) and shape[0] != count and shape[0] * shape[1] == count:
-        return np.reshape(values, (-1, *shape[2:])), shape[:2]
-    return values, None
+def of_grid(what: str, values: Any, at: Floats) -> tuple[Floats, tuple[int, ...] | None]:
+    """Returns values (n_latitude, n_longitude) or (n_latitude, n_longitude, c) of n directions as (n,) or (n, c), and the
+    grid's shape; values of another shape, and None. Refuses values of a grid whose axes are exchanged."""
+    array = real(what, values, "(n,) or (n, c), or that of a grid", flags=True)
+    shape = array.shape
+    if array.ndim not in (2, 3) or shape[0] == len(at) or shape[0] * shape[1] != len(at):
+        return array, None
+    rows, columns = shape[:2]
+    if not _of_rings(at, rows, columns) and _of_rings(at, columns, rows):
+        raise ValueError(f"{what}: expected the shape of the directions' grid, {(columns, rows)}, found {shape}; exchange the axes")
+    return np.reshape(array, (-1, *shape[2:])), (rows, columns)
+
+
+def _of_rings(at: Floats, rows: int, columns: int) -> bool:
+    """Returns whether the rows or the columns of directions (rows, columns) are at one latitude each, all different."""
+    with np.errstate(all="ignore"):
+        sines = (at[:, 2] / np.linalg.norm(at, axis=1)).reshape(rows, columns)
+    return any(np.ptp(of, axis=1).max() < 1e-6 and abs(np.diff(of[:, 0])).min(initial=1) > 1e-6 for of in (sines, sines.T))
 
 
 def raveled(given: Any, grid: tuple[int, ...] | None) -> Any:
     """Returns a mask, weights or noise of a grid in the order of its directions; anything else unchanged."""
     if grid is None or given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != grid:
         return given
-    return np.ma.ravel(given) if np.ma.isMaskedArray(given) else np.ravel(given)
+    if isinstance(given, (list, tuple)):
+        given = _joined("mask", given, str(grid))
+    return np.ma.ravel(given)
 
 
 def weights(values: ArrayLike, vertices: int) -> Floats:

@@ -94,7 +94,7 @@ def compare(
     surface, other : Model, Surface, or what `as_surface` takes
         Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
         if the model was fitted to it, or else on an icosphere of 163,842 vertices, as always for ``surface_distance=True``
-        without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of two models whose
+        of closed surfaces without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of two models whose
         surfaces were mapped separately don't correspond, so the distance between these surfaces is measured.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
@@ -183,6 +183,10 @@ _APART = (
 def _finer(evaluated: Surface, given: Any, threads: int | None) -> Surface:
     """Returns the surface of a model on a fine icosphere, if it was evaluated at the vertices of a coarser mesh."""
     if not isinstance(given, Model) or given._inner.seam is not None or len(evaluated.vertices) >= _FINE:
+        return evaluated
+    # Beyond the rim of an open surface, the model is an extrapolation. A closed sphere has 2 n - 4 triangles.
+    own = given.sphere
+    if own is not None and len(own.faces) != 2 * len(own.vertices) - 4:
         return evaluated
     return given.surface(_LEVEL, threads=threads)
 

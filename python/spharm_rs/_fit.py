@@ -25,7 +25,7 @@ from .reports import FitReport
 
 def _degree(max_degree: Any) -> int:
     if max_degree is None or isinstance(max_degree, str):
-        raise ValueError(f"max_degree: expected a whole number, found {max_degree!r}; choose_degree(surface) chooses one")
+        raise ValueError(f"max_degree: expected a whole number, found {max_degree!r}; choose_degree chooses one for a surface")
     return _arrays.whole("max_degree", max_degree)
 
 
@@ -566,8 +566,7 @@ def solve(
         degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
         raise ValueError("max_degree: expected a degree, which is required with directions; found None")
-    values = _arrays.real("values", values, "(n,) or (n, c), or that of a grid", flags=True)
-    values, grid = _arrays.of_grid(values, len(directions))
+    values, grid = _arrays.of_grid("values", values, directions)
     weights, mask = (_arrays.raveled(given, grid) for given in (weights, mask))
     flat = values.ndim == 1
     array = _arrays.channels("values", values)

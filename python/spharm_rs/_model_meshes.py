@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Meshes:
-    """What `Model` inherits: its `surface` on a sphere in other packages' classes, each as the method of `Surface`."""
+    """Methods of `Model` that return its `surface` as a mesh of another package."""
 
     def surface(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Surface:
         raise NotImplementedError

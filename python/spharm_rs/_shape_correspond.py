@@ -588,10 +588,16 @@ def correspond(
     """
     if isinstance(surfaces, (str, os.PathLike, Surface, Model)) or not hasattr(surfaces, "__iter__"):
         raise ValueError(f"surfaces: expected a sequence of surfaces, found {surfaces!r}")
-    named = isinstance(surfaces, Mapping)
-    names = [str(name) for name in surfaces] if named else []
-    surfaces = list(surfaces.values() if isinstance(surfaces, Mapping) else surfaces)
-    names = names if named else _names(surfaces)
+    for what, one in (("landmarks", landmarks), ("signals", signals), ("mirrored", mirrored)):
+        if isinstance(one, Mapping):
+            raise ValueError(f"{what}: expected a sequence, in the order of the surfaces; found a dict")
+    if isinstance(surfaces, Mapping):
+        names, surfaces = list(surfaces), list(surfaces.values())
+        if not all(isinstance(name, str) and name for name in names):
+            raise ValueError(f"surfaces: expected names that are text as keys, found {names}")
+    else:
+        surfaces = list(surfaces)
+        names = _names(surfaces)
     marks = None if landmarks is None else matched(landmarks, len(surfaces))
     template_member = None
     if isinstance(template, str) and template in names:

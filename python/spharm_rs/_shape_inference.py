@@ -13,7 +13,7 @@ from . import _arrays
 from ._arrays import Floats
 from ._model import Model, sampling
 from ._shape_columns import names_of
-from ._surface import as_surface
+from ._surface import as_surface, surface_of
 
 
 def check_mask_file(mask: Any, sphere: Any) -> None:
@@ -83,12 +83,12 @@ def stacked(what: str, values: Any) -> Any:
     return np.stack(rows)
 
 
-def common_mesh(images: Any) -> Any:
+def common_mesh(what: str, images: Any) -> Any:
     """Returns the mesh of an image of nilearn, or of a list of images that have the same one; None for anything else."""
     listed = images if isinstance(images, (list, tuple)) else [images]
     if not listed or not all(_arrays.is_image(image) and hasattr(image, "mesh") for image in listed):
         return None
-    first, *others = (as_surface(image.mesh) for image in listed)
+    first, *others = (surface_of(f"{what}: mesh of image {index}", image.mesh) for index, image in enumerate(listed))
     same = all(
         np.array_equal(first.vertices, other.vertices) and np.array_equal(first.faces, other.faces) for other in others
     )

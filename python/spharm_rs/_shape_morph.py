@@ -65,8 +65,8 @@ def morph(
         Number of shapes, both ends included, at least 2; or the shapes' times.
     method : {"joint", "fixed"}, optional
         ``"fixed"`` aligns the first surface to the second by a rotation of space only, for models whose equal directions
-        correspond; ``"joint"`` also rotates the parameters, as `align` does. By default ``"fixed"`` for models that have the
-        same sphere, such as those of a group of `correspond`, without ``mirror``; otherwise ``"joint"``.
+        correspond; ``"joint"`` also rotates the parameters, as `align` does. By default ``"fixed"`` for two models of a group
+        of `correspond`, without ``mirror``; otherwise ``"joint"``.
     keep_pose : bool
         Begin in the first surface's pose and rotate towards the second's; by default all shapes are in the second
         surface's pose.

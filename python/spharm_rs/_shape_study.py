@@ -416,8 +416,8 @@ def group_test(
         if mean and minus is None and signal != "value":
             raise ValueError("mean: the mean of displacements from the mean is always zero; give minus, or signal='value'")
     else:
-        surface = common_mesh(subjects) if surface is None and sphere is None else surface
         values = _arrays.real("subjects", stacked("subjects", subjects), "(n, V) or (n, V, 3)")
+        surface = common_mesh("subjects", subjects) if surface is None and sphere is None else surface
         if values.ndim not in (2, 3):
             raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")
         if signal not in (None, "value", "position" if values.ndim == 3 else "value"):

@@ -256,10 +256,10 @@ def _samples(
     return at, finite(what, np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
 
 
-def _of_grid(count: int, values: Any, *others: Any) -> tuple[Any, ...]:
-    """Returns values of a grid of ``count`` directions, and other arrays of its shape, in the order of the directions."""
-    values, grid = _arrays.of_grid(values, count)
-    return values, *(_arrays.raveled(given, grid) for given in others)
+def _of_grid(at: Floats, values: Any, *others: Any) -> tuple[Any, ...]:
+    """Returns values of a grid, and other arrays of its shape, in the order of its directions."""
+    array, grid = _arrays.of_grid("values", values, at)
+    return array, *(_arrays.raveled(given, grid) for given in others)
 
 
 def pseudo_spectrum(
@@ -331,7 +331,7 @@ def pseudo_spectrum(
     """
     degree = _arrays.whole("max_degree", max_degree)
     at = _arrays.positions("directions", directions)
-    values, weights, mask, noise = _of_grid(len(at), values, weights, mask, noise)
+    values, weights, mask, noise = _of_grid(at, values, weights, mask, noise)
     _, array, areas, kept = _samples(at, values, weights, mask)
     if (total := float(areas[kept != 0].sum())) > 4 * np.pi * (1 + _EXCESS):
         raise ValueError(
@@ -405,7 +405,7 @@ def decoupled_spectrum(
         in degrees.
     shape : array_like of float, (L + 1,), optional
         Expected spectrum, up to a factor for each bin, above 0; by default constant. If the spectrum varies much within a
-        bin, give its slope, such as ``1 / (1 + np.arange(L + 1)) ** 2``: otherwise this bin and its neighbours are biased.
+        bin, give its expected form, such as ``1 / (1 + np.arange(L + 1)) ** 2``: otherwise this bin and its neighbours are biased.
 
     Returns
     -------
@@ -453,7 +453,7 @@ def decoupled_spectrum(
     degree = _arrays.whole("max_degree", max_degree)
     edges, expected = _edges(bins, degree), _shape(shape, degree)
     at = _arrays.positions("directions", directions)
-    values, weights, mask, noise = _of_grid(len(at), values, weights, mask, noise)
+    values, weights, mask, noise = _of_grid(at, values, weights, mask, noise)
     _, array, areas, kept = _samples(at, values, weights, mask)
     double = Transform(at, 2 * degree, channels=1)
     if weights is None:
@@ -480,8 +480,9 @@ def decoupled_cross_spectrum(
     ----------
     directions, max_degree, mask, weights, bins, shape
         As for `decoupled_spectrum`; ``shape`` is that of the cross-spectrum.
-    a, b : array_like of float, (n,) or (n, c)
-        Samples of the two fields, with the same number of channels, or one.
+    a, b : array_like of float, (n,) or (n, c), or of a grid
+        Samples of the two fields, with the same number of channels, or one. With values of a grid, weights and mask may have
+        its shape.
     noise : 0 or "auto"
         0 for samples whose noise isn't correlated between a and b. ``"auto"`` also allows correlated noise that is
         independent from sample to sample: it leaves out the pairs of a sample with itself.
@@ -516,8 +517,9 @@ def decoupled_cross_spectrum(
     if not (isinstance(noise, str) and noise == "auto") and not (np.ndim(noise) == 0 and noise == 0):
         raise ValueError(f"noise: expected 0 or 'auto', found {noise!r}")
     at = _arrays.positions("directions", directions)
-    a, weights, mask = _of_grid(len(at), a, weights, mask)
-    (b,) = _of_grid(len(at), b)
+    a, of_a = _arrays.of_grid("a", a, at)
+    b, of_b = _arrays.of_grid("b", b, at)
+    weights, mask = (_arrays.raveled(given, of_a or of_b) for given in (weights, mask))
     _, first, areas, kept = _samples(at, a, weights, mask, "a")
     _, second, _, _ = _samples(at, b, weights, mask, "b")
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:

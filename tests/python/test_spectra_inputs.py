@@ -47,6 +47,17 @@ def test_values_of_a_grid_need_not_be_flattened() -> None:
         assert found.power.shape == expected.power.shape and np.array_equal(found.power, expected.power)
     cross = spectra.decoupled_cross_spectrum(at, values, values, 8, bins=2, **shaped)
     assert np.array_equal(cross.power, spectra.decoupled_cross_spectrum(at, values.ravel(), values.ravel(), 8, bins=2, **flat).power)
+    # Masked rows in a list and xarray's grids are read; exchanged axes are refused.
+    masked: Any = np.ma.array(np.where(seen, values, -9999.0), mask=~seen)
+    expected = spectra.pseudo_spectrum(at, values, 8, **shaped)
+    for rows in (masked, list(masked)):
+        assert np.array_equal(spectra.pseudo_spectrum(at, rows, 8, **shaped).power, expected.power)
+    rows = [np.ma.array(np.ones(len(row)), mask=~row) for row in seen]
+    masks: dict[str, Any] = {"mask": rows, "weights": grid.weights}
+    assert np.array_equal(spectra.pseudo_spectrum(at, grid.to_xarray(), 8, **masks).power, expected.power)
+    for call in (spectra.pseudo_spectrum, sp.solve):
+        with pytest.raises(ValueError, match=r"values: expected the shape of the directions' grid, \(\d+, \d+\), found .*exchange"):
+            call(at, values.T, 8)
     pairs = spectra.pseudo_spectrum(at, np.stack([values, 2 * values], axis=2), 8, **shaped)
     assert pairs.power.shape == (9, 2)
 

@@ -48,8 +48,8 @@ pub(super) struct Cli {
     /// Number of shapes, both ends included
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1000), help_heading = METHOD)]
     steps: u16,
-    /// Method of aligning the first model to the second [default: fixed if both models have the same sphere and
-    /// --mirror isn't given, otherwise joint]
+    /// Method of aligning the first model to the second [default: fixed for two members of a group of
+    /// `shape correspond`, without --mirror; otherwise joint]
     #[arg(long, value_enum, help_heading = METHOD)]
     method: Option<How>,
     /// Begin in the first model's pose
@@ -127,7 +127,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (from, to) = (Model::read(&cli.from)?, Model::read(&cli.to)?);
     let method = match cli.method {
         Some(How::Fixed) => Method::FixedParameters,
-        None if from.has_sphere_of(&to) && !cli.mirror => Method::FixedParameters,
+        None if from.is_in_group_of(&to) && !cli.mirror => Method::FixedParameters,
         _ => Method::Joint,
     };
     let params = AlignParams { method, mirror: cli.mirror, scale: false, ..AlignParams::default() };
@@ -184,6 +184,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "to": shown(&cli.to),
         "outputs": all_shown(&files),
         "animation": cli.animation,
+        "method": if method == Method::FixedParameters { "fixed" } else { "joint" },
         "rmsd": after,
         "volume_ratio": ratio,
         "warnings": warnings,

@@ -85,12 +85,14 @@ impl Model {
         }
     }
 
-    /// Returns whether the two models have the same sphere, as the members of a group do, so that equal directions
-    /// correspond.
+    /// Returns whether both models are members of a group that `shape correspond` made, over one sphere, so that equal
+    /// directions are the same places. Models of other origins may have the same sphere without corresponding, such as
+    /// meshes that were resampled at one icosphere.
     #[must_use]
-    pub fn has_sphere_of(&self, other: &Self) -> bool {
+    pub fn is_in_group_of(&self, other: &Self) -> bool {
+        let of_group = |model: &Self| model.provenance.tool.as_deref() == Some("shape correspond");
         match (&self.sphere, &other.sphere) {
-            (Some(own), Some(other)) => own.directions == other.directions,
+            (Some(own), Some(its)) => of_group(self) && of_group(other) && own.directions == its.directions,
             _ => false,
         }
     }

@@ -13,7 +13,7 @@ use crate::poses::refuse_signals;
 use crate::run::run_owned;
 
 /// Returns the models at the given times, from 0 (start) to 1 (end). `fixed` keeps the parameters; by default, they are
-/// kept if both models have the same sphere. Also returns a ratio of volumes, and warnings. The
+/// kept for two members of a group. Also returns a ratio of volumes, and warnings. The
 /// ratio is the volume at time 0.5 divided by the smaller of the volumes at the start and the end.
 #[pyfunction]
 #[pyo3(signature = (start, end, times, *, fixed, keep_pose, mirror, threads = None, progress = None))]
@@ -33,7 +33,7 @@ pub(crate) fn shape_morph(
     let (models, ratio, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         refuse_signals("start", std::slice::from_ref(&start))?;
         refuse_signals("end", std::slice::from_ref(&end))?;
-        let fixed = fixed.unwrap_or_else(|| start.has_sphere_of(&end) && !mirror);
+        let fixed = fixed.unwrap_or_else(|| start.is_in_group_of(&end) && !mirror);
         let method = if fixed { Method::FixedParameters } else { Method::Joint };
         let params = AlignParams { method, mirror, scale: false, ..AlignParams::default() };
         let morph = Morph::new(&start.coefficients, &end.coefficients, &params, keep_pose, monitor)?;

@@ -1,12 +1,14 @@
 //! Computes intermediate shapes between two surfaces.
 //!
 //! The first surface, with coefficients a, is [aligned](mod@crate::align) to the second one, with coefficients b. The
-//! alignment T consists of a rotation of the parameters and a similarity of space. The shape, without row 0, is
-//! interpolated linearly: `(1 - t) T a + t b`. If the pose of the first surface is kept, poses are interpolated along
-//! the shortest path. The rotation in space has a constant angular speed (K. Shoemake, "Animating rotation with
-//! quaternion curves", SIGGRAPH 1985). The scale is interpolated geometrically, and the position linearly. A path
-//! between two surfaces that differ only in pose therefore doesn't deform them. If surfaces don't correspond well, the
-//! shape at t = 1/2 has a small volume: see [`volume_ratio`].
+//! alignment T consists of a similarity of space and, unless its method is [`FixedParameters`], a rotation of the
+//! parameters. The shape, without row 0, is interpolated linearly: `(1 - t) T a + t b`. If the pose of the first
+//! surface is kept, poses are interpolated along the shortest path. The rotation in space has a constant angular speed
+//! (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985). The scale is interpolated geometrically,
+//! and the position linearly. A path between two surfaces that differ only in pose therefore doesn't deform them. If
+//! surfaces don't correspond well, the shape at t = 1/2 has a small volume: see [`volume_ratio`].
+//!
+//! [`FixedParameters`]: crate::Method::FixedParameters
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;

@@ -69,13 +69,8 @@ const VERTICES_PER_FUNCTION: usize = 12;
 /// samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Minimum and maximum number of subdivisions of the icosphere: 10,242 and 655,362 vertices. The flat triangles of an
-/// icosphere of 2,562 vertices deviate from a ball by a root mean square of 0.07 % of its radius, more than the
-/// residuals of many smooth surfaces, and those of 10,242 vertices by a quarter of that.
-const LEVELS: [u32; 2] = [5, 8];
-
-/// Minimum number of subdivisions if there is little memory.
-const COARSEST: u32 = 4;
+/// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
+const LEVELS: [u32; 2] = [4, 8];
 
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
@@ -105,7 +100,7 @@ impl ModelSurface {
     pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
         let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
         let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
-        (COARSEST..=level)
+        (LEVELS[0]..=level)
             .rev()
             .find(|&level| Self::bytes(max_degree, level, faces).is_some_and(|needed| needed <= bytes))
     }
