@@ -11,21 +11,18 @@ python=$PWD/target/python/bin
 . packaging/common.sh
 
 wheel() {
-  local platform=$1 zig=(--zig) settings=() compatible
+  local platform=$1 zig=(--zig) compatible
   case $platform in
     musl) compatible=musllinux_1_2 ;;
     arm64) compatible=manylinux_2_28 ;;
-    # As the program for Windows, see packaging/platforms.sh: thin LTO drops unused functions.
-    windows)
-      zig=() compatible=off
-      settings=(--config 'profile.release.lto="thin"' --config 'profile.release.package.spharm-python.opt-level=3') ;;
+    windows) zig=() compatible=off ;;
   esac
   compilers "$platform"
   say "$platform: wheel"
   # Otherwise the compiler for ARM64 would link in place of zig.
   unset CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER
   PATH="$python:$PATH" maturin build --release --target "$(triple "$platform")" "${zig[@]}" --compatibility "$compatible" \
-    --no-default-features --compression-level 9 -o "$out" "${settings[@]}"
+    --no-default-features --compression-level 9 -o "$out"
 }
 
 # The path of a platform's wheel.
