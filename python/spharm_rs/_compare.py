@@ -94,8 +94,9 @@ def compare(
     surface, other : Model, Surface, or what `as_surface` takes
         Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
         if the model was fitted to it, or else on an icosphere of 163,842 vertices, as always for ``surface_distance=True``
-        of closed surfaces without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of two models whose
-        surfaces were mapped separately don't correspond, so the distance between these surfaces is measured.
+        of closed surfaces without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of
+        two models whose surfaces were mapped separately don't correspond, so the distance between these surfaces is
+        measured.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
         triangles differ, or for models mapped separately. With False, such models are compared at equal directions, with a

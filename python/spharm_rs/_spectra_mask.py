@@ -245,15 +245,14 @@ def _warn_if_uneven(at: Floats) -> None:
 
 
 def _samples(
-    directions: ArrayLike, values: ArrayLike, weights: ArrayLike | None, mask: ArrayLike | None, what: str = "values"
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Returns directions, values, weights and mask, with 0 for values that have no weight."""
-    at = _arrays.positions("directions", directions)
+    at: Floats, values: ArrayLike, weights: ArrayLike | None, mask: ArrayLike | None, what: str = "values"
+) -> tuple[Floats, Floats, Floats]:
+    """Returns values, weights and mask at directions (n, 3), with 0 for values that have no weight."""
     array = _arrays.channels(what, values)
     if len(array) != len(at):
         raise ValueError(f"{what}: expected a row for each of {len(at)} directions, found shape {np.shape(values)}")
     areas, kept = _weights(weights, mask, len(at))
-    return at, finite(what, np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
+    return finite(what, np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
 
 
 def _of_grid(at: Floats, values: Any, *others: Any) -> tuple[Any, ...]:
@@ -332,7 +331,7 @@ def pseudo_spectrum(
     degree = _arrays.whole("max_degree", max_degree)
     at = _arrays.positions("directions", directions)
     values, weights, mask, noise = _of_grid(at, values, weights, mask, noise)
-    _, array, areas, kept = _samples(at, values, weights, mask)
+    array, areas, kept = _samples(at, values, weights, mask)
     if (total := float(areas[kept != 0].sum())) > 4 * np.pi * (1 + _EXCESS):
         raise ValueError(
             "weights: expected areas on the unit sphere or weights of a quadrature, with a sum of at most 4 pi = 12.57, "
@@ -405,7 +404,8 @@ def decoupled_spectrum(
         in degrees.
     shape : array_like of float, (L + 1,), optional
         Expected spectrum, up to a factor for each bin, above 0; by default constant. If the spectrum varies much within a
-        bin, give its expected form, such as ``1 / (1 + np.arange(L + 1)) ** 2``: otherwise this bin and its neighbours are biased.
+        bin, give its expected form, such as ``1 / (1 + np.arange(L + 1)) ** 2``: otherwise this bin and its neighbours are
+        biased.
 
     Returns
     -------
@@ -454,7 +454,7 @@ def decoupled_spectrum(
     edges, expected = _edges(bins, degree), _shape(shape, degree)
     at = _arrays.positions("directions", directions)
     values, weights, mask, noise = _of_grid(at, values, weights, mask, noise)
-    _, array, areas, kept = _samples(at, values, weights, mask)
+    array, areas, kept = _samples(at, values, weights, mask)
     double = Transform(at, 2 * degree, channels=1)
     if weights is None:
         _warn_if_uneven(at)
@@ -520,8 +520,8 @@ def decoupled_cross_spectrum(
     a, of_a = _arrays.of_grid("a", a, at)
     b, of_b = _arrays.of_grid("b", b, at)
     weights, mask = (_arrays.raveled(given, of_a or of_b) for given in (weights, mask))
-    _, first, areas, kept = _samples(at, a, weights, mask, "a")
-    _, second, _, _ = _samples(at, b, weights, mask, "b")
+    first, areas, kept = _samples(at, a, weights, mask, "a")
+    second, _, _ = _samples(at, b, weights, mask, "b")
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
         raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as in a; found {second.shape[1]}")
     double, w = Transform(at, 2 * degree, channels=1), areas * kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from typing import Any
 
@@ -115,7 +116,8 @@ def test_a_mesh_in_place_of_a_model_is_named_by_its_type(pair: tuple[sp.Model, s
             call()
     with pytest.raises(ValueError, match="shape.pose finds the pose of a mesh"):
         sp.shape.align(mesh, model)
-    with pytest.raises(ValueError, match="^model: expected a Model, found ndarray; spharm_rs.Model\\(coefficients\\) makes"):
+    expected = "spharm_rs.Model(coefficients) makes a Model of coefficients, and spharm_rs.fit one of a surface"
+    with pytest.raises(ValueError, match=f"^model: expected a Model, found ndarray; {re.escape(expected)}$"):
         sp.shape.rotate(np.ones((81, 3)))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="^models: expected a sequence of Model, found Model$"):
         sp.shape.procrustes(model)  # type: ignore[arg-type]
