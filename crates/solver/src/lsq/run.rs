@@ -205,6 +205,11 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
+    /// Returns the relative accuracy of moments that the tolerance requires.
+    pub(super) fn moment_accuracy(&self) -> f64 {
+        (MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance).clamp(FINEST, COARSEST_MOMENT_ACCURACY)
+    }
+
     /// Computes the moments of a fit, and the inverse of the density if the fit needs it. Returns the right-hand sides
     /// (K, c) of the targets if they were computed together with the moments.
     fn take_moments_of_fit(
@@ -212,9 +217,8 @@ impl LsqSolver<'_> {
         targets: Option<&Array2<f64>>,
         monitor: &dyn Monitor,
     ) -> Result<Option<Array2<f64>>, SolverError> {
-        let accuracy = MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance;
         let started = Instant::now();
-        let right_sides = self.take_moments(accuracy.clamp(FINEST, COARSEST_MOMENT_ACCURACY), targets, monitor)?;
+        let right_sides = self.take_moments(self.moment_accuracy(), targets, monitor)?;
         // Compute the inverse of the density now, if it is needed, so that its time is included in `moment_seconds`.
         let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();

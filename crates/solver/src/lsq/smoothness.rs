@@ -30,10 +30,11 @@ impl LsqSolver<'_> {
         let channels = targets.ncols() + PROBES;
         let (rows, rows_with_weight, max_degree) = (operator.rows(), self.rows_with_weight(), operator.max_degree());
         let cost = Cost { rows, rows_with_weight, max_degree, channels };
+        let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance).max(FINEST);
+        self.moments = self.moments.take().filter(|moments| moments.accuracy <= accuracy);
         let makeable = self.available(Given::Targets(operator, targets)).moments == Moments::Makeable;
         if makeable && cost.paid_after() <= LEAST_ITERATIONS_OF_SEARCH {
-            let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance);
-            self.take_moments(accuracy.max(FINEST), None, monitor)?;
+            self.take_moments(accuracy, None, monitor)?;
         }
         let weights = self.params.weights.as_deref();
         let centred = centred(targets, weights);

@@ -175,6 +175,17 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
+    /// Uses moments of an earlier solver for iterations. `normal` must be the normal matrix for the operator's
+    /// directions and degree, and for the weights of the parameters. Moments whose relative accuracy is insufficient
+    /// for the tolerance are ignored.
+    #[must_use]
+    pub fn with_made_moments(mut self, normal: Arc<MomentNormal>, accuracy: f64) -> Self {
+        if accuracy <= self.moment_accuracy() {
+            self.moments = Some(Moments { normal, accuracy });
+        }
+        self
+    }
+
     /// Sets a check of the process's limits that is called before a factor is computed. Without it, OpenBLAS would wait
     /// forever for buffers that it can't allocate.
     #[must_use]

@@ -20,6 +20,7 @@ use super::by_channel::{merge_channels, merge_searches};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
+use super::planned::KeptMoments;
 use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, in_batches, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
@@ -47,10 +48,16 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
-    let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
+    // A planned sphere keeps its transforms and the moments of its last weights, which later fits use. Otherwise, the
+    // transforms and those of the moments are planned together if that saves time.
+    let shared = job.planned.is_none()
+        && moments_pay(n, params.max_degree, together * channels, params.tolerance)
         && moment_bytes <= plan.spare(together);
+    let weights = job.weights.clone();
+    let planned = job.planned.map(|planned| (planned, WeightsHash::of(weights.as_deref())));
+    let kept = planned.and_then(|(planned, weights)| planned.moments(weights));
     let transforms = match job.planned {
-        Some(planned) => Some(planned.operator(shared)?),
+        Some(planned) => Some(planned.operator()),
         None if shared => {
             Some(Arc::new(MatrixFreeOperator::with_moments(directions, &transform).map_err(Error::from)?))
         }
@@ -66,7 +73,6 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let of_moments = if moment_bytes <= plan.spare(together) { moment_bytes } else { 0 };
     let spare = plan.spare(together) - of_moments;
     let stored = stored_factor(job, smoothness, spare, &mut warnings, monitor)?;
-    let weights = job.weights.clone();
     let make_gram = || {
         let gram = moment_gram(directions, weights.as_deref(), params.max_degree)?;
         Ok(Box::new(gram) as Box<dyn GramMatrix>)
@@ -84,6 +90,9 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         };
         let made = Arc::new(made);
         *moments = Some(made.clone());
+        if let Some((planned, weights)) = planned {
+            planned.keep(KeptMoments { weights, accuracy, normal: made.clone() });
+        }
         Ok((made, right_sides))
     };
     let equations = Equations {
@@ -91,6 +100,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         operator,
         make_gram: &make_gram,
         make_moments: &make_moments,
+        kept,
         stored: stored.as_ref().filter(|_| !automatic),
         noted: Once::new(),
         solver: solver_params(job, smoothness, &plan, together, moment_bytes),
@@ -128,6 +138,8 @@ struct Equations<'a> {
     operator: &'a dyn Operator,
     make_gram: &'a MakeGram<'a>,
     make_moments: &'a MakeMoments<'a>,
+    /// Moments that an earlier fit on the same planned sphere computed.
+    kept: Option<KeptMoments>,
     stored: Option<&'a StoredFactor>,
     /// Ensures that the note about the use of the stored factor is shown only once.
     noted: Once,
@@ -146,7 +158,11 @@ impl<'a> Equations<'a> {
     /// Returns a solver that works with any penalty, since it doesn't use a factor from the store.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
         let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
-        Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
+        let solver = solver.with_limits(&allowed).with_moments(self.make_moments);
+        Ok(match &self.kept {
+            Some(kept) => solver.with_made_moments(kept.normal.clone(), kept.accuracy),
+            None => solver,
+        })
     }
 
     fn solver(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {

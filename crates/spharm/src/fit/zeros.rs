@@ -23,19 +23,26 @@ pub(super) fn warning(target: &Target, unread: Option<&[bool]>) -> Option<FitWar
     let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
     (0..target.channels).find_map(|channel| {
         let values = target.values.iter().skip(channel).step_by(target.channels).enumerate();
-        let read = values.filter(|(vertex, _)| is_read(*vertex)).map(|(_, value)| *value);
-        of_channel(channel, &read.collect::<Vec<f64>>())
+        of_channel(channel, values.filter(|(vertex, _)| is_read(*vertex)).map(|(_, value)| *value))
     })
 }
 
-fn of_channel(channel: usize, values: &[f64]) -> Option<FitWarning> {
-    let mut sizes: Vec<f64> = values.iter().filter(|value| **value != 0.0).map(|value| value.abs()).collect();
-    let (vertices, zeros) = (values.len(), values.len() - sizes.len());
+fn of_channel(channel: usize, values: impl Iterator<Item = f64> + Clone) -> Option<FitWarning> {
+    // Count first: most signals have hardly any zeros, and need no memory for the sizes of their values.
+    let (mut vertices, mut zeros, mut signs) = (0, 0, [false; 2]);
+    for value in values.clone() {
+        vertices += 1;
+        zeros += usize::from(value == 0.0);
+        signs[0] |= value < 0.0;
+        signs[1] |= value > 0.0;
+    }
     let share = zeros as f64 / vertices.max(1) as f64;
-    let one_sign = values.iter().all(|value| *value >= 0.0) || values.iter().all(|value| *value <= 0.0);
+    if !(FEWEST..=MOST).contains(&share) || signs == [true; 2] {
+        return None;
+    }
+    let mut sizes: Vec<f64> = values.filter(|value| *value != 0.0).map(f64::abs).collect();
     // If all values are whole numbers, the signal is probably a mask, a label map or counts, in which zeros are valid.
-    let whole = sizes.iter().all(|size| size.fract() == 0.0);
-    if !(FEWEST..=MOST).contains(&share) || !one_sign || whole {
+    if sizes.iter().all(|size| size.fract() == 0.0) {
         return None;
     }
     let least = sizes.iter().copied().fold(f64::INFINITY, f64::min);
@@ -56,7 +63,7 @@ mod tests {
         let thickness = |vertex: usize| 2.5 + 0.001 * vertex as f64;
         let of = |zeros: usize, value: &dyn Fn(usize) -> f64| {
             let values: Vec<f64> = (0..1000).map(|vertex| if vertex < zeros { 0.0 } else { value(vertex) }).collect();
-            of_channel(1, &values)
+            of_channel(1, values.into_iter())
         };
         let expected = FitWarning::Zeros { channel: 1, zeros: 50, vertices: 1000 };
         assert_eq!(of(50, &thickness), Some(expected.clone()));
@@ -73,7 +80,7 @@ mod tests {
         for (zeros, value) in unnoticed {
             assert_eq!(of(zeros, value), None, "{zeros}: {} {}", value(998), value(999));
         }
-        assert_eq!(of_channel(0, &[]), None);
+        assert_eq!(of_channel(0, std::iter::empty()), None);
     }
 
     #[test]
