@@ -31,7 +31,8 @@ const PAGE: usize = 2 << 20;
 /// Largest amount of freed memory kept for each thread, in bytes.
 const KEPT: usize = 128 << 20;
 
-/// glibc allocates arrays below this size, in bytes, from its heaps, whose freed memory it can keep.
+/// Arrays smaller than this size, in bytes, are allocated from glibc's heaps. glibc can keep only the freed memory of
+/// its heaps.
 const LARGEST: usize = 32 << 20;
 
 /// Lets the allocator keep freed memory at the end of each thread's heap. The threads share a sixteenth of the free

@@ -1,4 +1,4 @@
-//! Build script: links without most of OpenBLAS's kernels and without copies of functions, and strips the
+//! Build script: leaves most of OpenBLAS's kernels out of the program, merges identical functions, and strips the
 //! symbols of release binaries.
 
 use std::env;

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 #[cfg(all(feature = "openblas", target_os = "linux", target_arch = "x86_64"))]
 mod kernels;
 
-/// Replaces musl's allocator, which makes threads wait for each other: with it, a fit at degree 100 takes 1.5 times as
-/// long.
+/// Replaces musl's allocator, which makes threads wait for each other. With musl's allocator, a fit at degree 100 takes
+/// 1.5 times as long.
 #[cfg(target_env = "musl")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

@@ -435,7 +435,7 @@ class Model(Values, Meshes):
         Warns
         -----
         SpharmWarning
-            If the highest degrees, which are all zero, don't fit into a file this small.
+            If the highest degrees, whose coefficients were all rounded to zero, are omitted: small files can't list many zeros.
 
         Examples
         --------
@@ -458,7 +458,7 @@ class Model(Values, Meshes):
             threads=_arrays.threads(threads),
         )
         if degree < self.max_degree:
-            reason = "because all their coefficients are zero and don't fit into a file this small"
+            reason = "because all their coefficients were rounded to zero, and a file of this size can't list so many zeros"
             warn([f"{name}: the degrees above {degree} are omitted, {reason}"])
         return distance
 

@@ -164,21 +164,39 @@ class TestResult:
         -------
         nilearn.surface.SurfaceImage
         """
-        surface, found = self._map(values)
-        if log10:
-            _arrays.choice("values, with log10=True", values, _P_MAPS)
-            found = _minus_log10(found)
-        return surface.to_nilearn(found, hemisphere=hemisphere)
+        return self._surface().to_nilearn(self._values(values, log10), hemisphere=hemisphere)
 
-    def _map(self, values: str) -> tuple[Surface, Floats]:
+    def to_nibabel(self, values: str = "statistic", *, log10: bool = False) -> Any:
+        """Returns a map of the result as a ``nibabel.GiftiImage`` with one array of 32 bits, as `save` writes it.
+
+        The triangles belong into another file, which ``result.surface.to_nibabel()`` makes. The parameters are those of
+        `to_nilearn`.
+        """
+        from nibabel.gifti import GiftiDataArray, GiftiImage
+
+        found = self._values(values, log10).astype(np.float32)
+        name = f"-log10 {values}" if log10 else values
+        array = GiftiDataArray(
+            found, intent="NIFTI_INTENT_SHAPE", datatype="NIFTI_TYPE_FLOAT32", meta={"Name": f"{name}, {self.meaning}"}
+        )
+        return GiftiImage(darrays=[array])
+
+    def _surface(self) -> Surface:
         if self.surface is None:
             raise ValueError("surface: expected a surface for the values, found None; give surface= to group_test")
+        return self.surface
+
+    def _values(self, values: str, log10: bool = False) -> Floats:
+        """Returns a map, or with `log10` -log10 of a map of p values, (V,)."""
+        if log10:
+            _arrays.choice("values, with log10=True", values, _P_MAPS)
         found = getattr(self, values, None) if values in ("t", *self.__dataclass_fields__) else None
         if not isinstance(found, np.ndarray) or found.shape != self.p.shape or values == "mask":
             names = [name for name in _MAPS if np.shape(getattr(self, name)) == self.p.shape]
             raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
         # Numbers of clusters are 0 outside of the mask, where there is no value to draw.
-        return self.surface, found if self.mask is None else np.where(self.mask, found, np.nan)
+        found = found if self.mask is None else np.where(self.mask, found, np.nan)
+        return _minus_log10(found) if log10 else found
 
     def picture(
         self,
@@ -206,10 +224,8 @@ class TestResult:
         -------
         Picture
         """
-        surface, found = self._map(values)
-        label = f"{values}, {self.meaning}"
-        if values in _P_MAPS:
-            found, label = _minus_log10(found), f"-log10 {label}"
+        surface, found = self._surface(), self._values(values, log10=values in _P_MAPS)
+        label = f"-log10 {values}, {self.meaning}" if values in _P_MAPS else f"{values}, {self.meaning}"
         if level is not None:
             if self.p_fwe is None:
                 raise ValueError("level: expected a result with p_fwe, found a result of a test with permutations=0")

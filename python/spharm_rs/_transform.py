@@ -17,8 +17,9 @@ class Transform:
     With the basis matrix A, (n, K): `synthesis` is ``A x``, `adjoint` is ``A.T r``, and `normal` is ``A.T diag(w) A
     x``; none of them forms A. Method: Reinecke, Belkner and Carron (A&A 678, 2023).
 
-    `solve` uses the planned transform. If its first call computes moments of the directions, the transform keeps them
-    for later calls with the same weights; they take about ``300 * (L + 1)**2`` bytes.
+    `solve` uses the planned transform. If a call computes moments of the directions, the transform keeps them for later
+    calls with the same weights, in about ``300 * (L + 1)**2`` bytes for one channel, and more for several. Therefore two
+    calls with equal values may differ by an amount within the tolerance.
 
     Parameters
     ----------

@@ -193,3 +193,17 @@ print(largest() - before)
 def test_small_calls_lose_no_memory() -> None:
     done = subprocess.run([sys.executable, "-c", SMALL_CALLS], capture_output=True, text=True, check=True)
     assert int(done.stdout) < 2**20, done.stdout
+
+
+def test_threads_may_solve_with_a_new_transform_at_once() -> None:
+    code = """
+import threading
+import numpy as np, spharm_rs as sp
+u = np.random.default_rng(0).normal(size=(300_000, 3))
+for _ in range(10):
+    transform = sp.Transform(u, 0)
+    threads = [threading.Thread(target=sp.solve, args=(transform, u[:, 0])) for _ in range(6)]
+    for thread in threads: thread.start()
+    for thread in threads: thread.join()
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

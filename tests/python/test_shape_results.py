@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -128,7 +129,7 @@ def test_a_surface_of_other_vertices_is_refused_at_once() -> None:
             sp.shape.group_test(values_of(), GROUPS, surface=sp.icosphere(1), **settings)
 
 
-def test_small_p_are_high_in_pictures_and_on_request_in_images() -> None:
+def test_small_p_are_high_in_pictures_and_on_request_in_images(tmp_path: Path) -> None:
     found = sp.shape.group_test(values_of(), GROUPS, surface=SPHERE, mask=KEPT, tfce=True, permutations=100)
     for name in ("p", "q", "p_fwe", "p_permutation", "p_tfce"):
         p = getattr(found, name)
@@ -137,6 +138,10 @@ def test_small_p_are_high_in_pictures_and_on_request_in_images() -> None:
         image = found.to_nilearn(name, log10=True)
         assert np.allclose(image.data.parts["left"], -np.log10(p), equal_nan=True)
         assert np.array_equal(found.to_nilearn(name).data.parts["left"], p, equal_nan=True)
+        nibabel.save(found.to_nibabel(name, log10=True), tmp_path / "map.shape.gii")
+        saved = nibabel.load(tmp_path / "map.shape.gii")
+        assert np.allclose(saved.darrays[0].data, -np.log10(p), equal_nan=True)
+        assert saved.darrays[0].meta["Name"] == f"-log10 {name}, a - b"
     assert found.picture("effect", size=120).png == sp.picture(SPHERE, found.effect, label="effect, a - b", size=120).png
     assert np.isnan(found.to_nilearn("effect").data.parts["left"]).sum() == (~KEPT).sum()
     with pytest.raises(ValueError, match="values, with log10=True: expected one of p, q, p_fwe"):

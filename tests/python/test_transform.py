@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import lsqr
@@ -49,6 +51,21 @@ def test_scipy_takes_the_linear_operator() -> None:
     x = np.random.default_rng(2).normal(size=49)
     found = lsqr(transform.as_linear_operator(), transform.synthesis(x), atol=1e-14, btol=1e-14)[0]
     assert np.allclose(found, x, atol=1e-9)
+
+
+def test_a_transform_keeps_the_moments_of_its_directions() -> None:
+    rng = np.random.default_rng(4)
+    transform, weights = sp.Transform(rng.normal(size=(5_000, 3)), 12), 1 + rng.random(5_000)
+    values = rng.normal(size=5_000)
+
+    def solved(**settings: Any) -> tuple[np.ndarray, bool]:
+        found, report = sp.solve(transform, values, preconditioner="density", **settings)
+        return found, "moments" in [step["name"] for step in report["solver"]["steps"]]
+
+    (first, computed), (again, computed_again) = solved(), solved()
+    assert computed and not computed_again and np.array_equal(first, again)
+    (weighted, computed), (again, computed_again) = solved(weights=weights), solved(weights=weights)
+    assert computed and not computed_again and np.array_equal(weighted, again) and not np.allclose(weighted, first)
 
 
 def test_the_least_squares_of_a_masked_sky_is_numpys() -> None:

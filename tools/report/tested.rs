@@ -49,8 +49,9 @@ pub(super) fn table(path: &Path) -> Result<Table> {
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)?, note: None })
 }
 
-/// Returns the page's table of measures: the columns of the effect and the p values come before the numbers, means and
-/// standard deviations, so that they are visible without scrolling.
+/// Returns the page's table of measures. The columns of the effect and the p values are moved before the columns of the
+/// numbers of subjects, the means and the standard deviations, so that the effect and the p values are visible without
+/// scrolling.
 fn of_measures(mut read: Table) -> Table {
     let first = read.columns.iter().position(|name| ["effect", "statistic"].contains(&name.as_str()));
     if let Some(first) = first.filter(|first| *first > 1) {

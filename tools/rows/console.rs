@@ -37,9 +37,10 @@ pub(crate) struct Rows<'a> {
     console: &'a Console,
     /// Number of rows.
     rows: usize,
-    /// Whether the first failure becomes the error of the call, so that failures aren't printed one by one.
+    /// Whether the run ends at the first failure. The call then returns this failure as its error, so failures aren't
+    /// printed one by one.
     alone: bool,
-    /// Whether a later step aligns the models, so that models that don't correspond yet are no reason for a warning.
+    /// Whether a later step aligns the models. If so, no warning is given about models that don't correspond yet.
     aligned_later: bool,
     summary: Mutex<Summary>,
     /// The first [`PRINTED`] warnings, to repeat them at the end.

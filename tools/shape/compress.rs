@@ -127,8 +127,8 @@ fn one(
     let degree = model.coefficients.max_degree();
     if file.max_degree < degree {
         monitor.console().warn(format!(
-            "{}: the degrees above {} are omitted, because all their coefficients are zero and don't fit into a file \
-             this small",
+            "{}: the degrees above {} are omitted, because all their coefficients were rounded to zero, and a file of \
+             this size can't list so many zeros",
             path.display(),
             file.max_degree
         ));

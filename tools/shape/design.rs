@@ -21,7 +21,7 @@ pub(crate) struct Asked<'a> {
     /// Name of the column of exchangeability blocks. If it is also a covariate, its values are levels even if they are
     /// numbers.
     pub(crate) blocks: Option<&'a str>,
-    /// Whether values are relative to the mean of all subjects, so that no mean can be tested.
+    /// Whether the tested values are relative to the mean of all subjects. The mean of such values can't be tested.
     pub(crate) relative: bool,
 }
 

@@ -82,8 +82,8 @@ pub(super) fn of_surfaces(
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }
 
-/// Returns a description of the first file without which all other files have a landmark name in common. Returns an
-/// empty text if no such file exists.
+/// Finds a single file that keeps the files from having a landmark name in common: the first file such that all other
+/// files have a name in common. Returns a description of this file, or an empty text if no such file exists.
 fn differing(files: &[PathBuf], subjects: &[Landmarks]) -> String {
     let usual = |index: usize| {
         let others = subjects.iter().enumerate().filter(|(other, _)| *other != index);

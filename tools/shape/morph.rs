@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 use spharm::model::made;
 use spharm::shape::memory::{align_bytes, measure_bytes};
-use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
+use spharm::shape::morph::{Morph, default_method, volume_ratio, volume_warning};
 use spharm::shape::{AlignParams, Method};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -127,8 +127,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (from, to) = (Model::read(&cli.from)?, Model::read(&cli.to)?);
     let method = match cli.method {
         Some(How::Fixed) => Method::FixedParameters,
-        None if from.is_in_group_of(&to) && !cli.mirror => Method::FixedParameters,
-        _ => Method::Joint,
+        Some(How::Joint) => Method::Joint,
+        None => default_method(&from, &to, cli.mirror),
     };
     let params = AlignParams { method, mirror: cli.mirror, scale: false, ..AlignParams::default() };
     let pool = cli.resources.threads.pool()?;

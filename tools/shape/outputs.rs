@@ -26,7 +26,7 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
-/// Refuses an output folder whose name is that of a file.
+/// Refuses an output folder whose name has the extension of a file, such as `.npz`, unless this folder exists.
 pub(super) fn check_folder(output: &Path) -> Result<()> {
     if is_named_file(output) || !output.is_dir() && to_write_mesh(output).is_ok() {
         return Err(Usage::conflict("--output must name a folder if several files are written").into());

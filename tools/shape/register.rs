@@ -88,8 +88,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
-    // Memory for the template (kernels of 200 columns each, the factor of the thin plate, and search trees) and for the
-    // surface with its own search trees.
+    // Memory for the template (its kernels of 200 columns each, the factor of its thin plate, and its search trees),
+    // and for the largest surface with its own search trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
     budget.check(format!("shape register with a template of {n} vertices"), needed)?;

@@ -110,7 +110,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
     let plan = Plan::new("remesh", &paths, cli.resources.both())?;
-    // Memory per vertex, in bytes, for moving the vertices: four velocities, their directions, and the density.
+    // Memory per vertex, in bytes, for moving the vertices: four velocities, the directions at which the velocities are
+    // computed, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {
         let evaluating = Model::bytes_to_evaluate(vertices, faces, 4, plan.group.max_degree);

@@ -139,7 +139,7 @@ impl Table {
         }
     }
 
-    /// Returns a column of paths, relative to the table.
+    /// Returns a column of paths. Relative paths in the column start from the table's folder. Equal cells are an error.
     pub(crate) fn paths(&self, name: &str) -> Result<Vec<PathBuf>> {
         let folder = self.path.parent().unwrap_or(Path::new(""));
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
@@ -176,8 +176,8 @@ impl Subjects for Table {
 /// Name of the column with the landmark files.
 pub(crate) const LANDMARKS: &str = "landmarks";
 
-/// Returns the files named by a column of a `table` of surfaces, one per row, relative to the table; `None` if the
-/// table has no such column.
+/// Returns the files named by a column of a `table` of surfaces, one per row. Relative paths in the column start from
+/// the table's folder. Returns `None` if the table has no such column.
 ///
 /// # Errors
 ///

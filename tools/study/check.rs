@@ -184,7 +184,8 @@ pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, S
     Ok(warnings)
 }
 
-/// Returns a warning if the left side lies to the right of the right side in the volumes of all subjects.
+/// Returns a warning if, in the volumes of all subjects, the body of the left side lies to the right of the body of the
+/// right side, which means that the names of the sides seem to be exchanged.
 fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     let [first, second] = &plan.study.subjects.sides[..] else { return Ok(None) };
     let is = |name: &str, letter: char| name.to_lowercase().starts_with(letter);
@@ -267,8 +268,8 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// Refuses files of the second side for a test of a study of both sides. The second side is mirrored, so its results
-/// are also given at points of the first side.
+/// In a study of both sides, refuses a test whose sphere, mask or annotation belongs to the second side. The second
+/// side is mirrored, so all results, including those of the second side, are given at points of the first side.
 fn of_first_side(plan: &Plan, test: &Test, sphere: Option<&Sphere>) -> Result<()> {
     let [first, second] = &plan.study.subjects.sides[..] else { return Ok(()) };
     let Some(mirrored) = Hemisphere::of_side(second) else { return Ok(()) };

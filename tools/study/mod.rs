@@ -1,4 +1,4 @@
-//! `study`: makes a page from a table of subjects, in stages that are commands of spharm.
+//! Implements the verb `study`, which makes a page from a table of subjects. Each stage is a command of spharm.
 //!
 //! | module | contents |
 //! |---|---|
@@ -284,8 +284,8 @@ impl Call<'_> {
         let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
         let Some(recorded) = self.recorded else { return finished };
-        // A failed subject alone isn't a difference, because it may have failed in the recorded run too. If it
-        // succeeded then, the comparison reports its results as missing.
+        // If subjects failed, this alone isn't a difference, because they may have failed in the recorded run, too. If
+        // they succeeded in the recorded run, the comparison reports their results as missing.
         if let Err(error) = finished {
             self.console.warn(error);
         }

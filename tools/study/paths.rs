@@ -8,9 +8,9 @@ pub(super) fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
 }
 
-/// Resolves the relative path `way` from the folder `place`. Each `..` removes the last part of the path, if that part
-/// is a name. Therefore no `..` of `way` follows a name in the result, and a repeated run uses the same paths as the
-/// first run.
+/// Resolves the relative path `way` from the folder `place`. If the path resolved so far ends with a name, a `..` of
+/// `way` removes this name instead of being appended. No `..` of `way` therefore follows a name in the result, and a
+/// repeated run uses the same paths as the first run.
 pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
     let mut path = place.to_owned();
     for part in way.components() {
@@ -28,7 +28,8 @@ pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
 pub(super) fn without_folder(message: &str, folder: &str) -> String {
     let (mut found, mut at) = (String::new(), 0);
     let is_inner = |c: char| c.is_alphanumeric() || "._-/\\".contains(c);
-    // After a space, the text `folder` may still be inside a path, because paths may contain spaces.
+    // Paths may contain spaces, so the text `folder` may be inside a path although a space precedes it. It is assumed
+    // to be inside a path if the word before the space looks like a part of a path.
     let is_in_path = |before: &str| {
         let word = before.strip_suffix(' ').and_then(|before| before.rsplit(' ').next()).unwrap_or_default();
         word.contains(['/', '\\']) && word.ends_with(is_inner)

@@ -278,8 +278,8 @@ impl Plan {
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// Makes those paths in a message that are in the study's folder relative to this folder, so that the message
-    /// doesn't depend on the current folder.
+    /// Replaces the paths in a message that lie in the study's folder by paths relative to this folder, so that the
+    /// message doesn't depend on the current folder.
     fn in_folder(&self, message: &str) -> String {
         // Absolute forms of the folder's path are removed as well, because a manifest written by the study contains
         // absolute paths, with or without `..`.

@@ -57,7 +57,7 @@ struct Input {
 const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
 
 impl Provenance {
-    /// Describes a study after all fits and stages except the page have been run.
+    /// Returns the record of a study. All its fits, and all its stages except the page, must have been run before.
     pub(super) fn of(plan: &Plan, threads: usize, stages: &[&Stage]) -> Result<Self> {
         let (folder, output) = (absolute(&plan.folder)?, absolute(&plan.output)?);
         let relative = |path: &Path| {
@@ -204,7 +204,7 @@ fn is_compared(path: &Path) -> bool {
     path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| COMPARED.contains(&ending))
 }
 
-/// Returns the hash of a model's coefficients, without the paths of its provenance.
+/// Returns the hash of a model's coefficients. The model's provenance isn't hashed, because it contains paths.
 fn hash(model: &Model) -> String {
     let mut hasher = blake3::Hasher::new();
     for value in model.coefficients.values() {

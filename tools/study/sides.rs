@@ -1,5 +1,5 @@
-//! Handles studies with both sides of each subject, such as hemispheres. Each side has a row; the second side is
-//! mirrored, so that the same directions of both sides correspond.
+//! Handles studies with both sides of each subject, such as hemispheres. Each side of a subject has its own row; the
+//! second side is mirrored, so that the same directions of both sides correspond.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -180,7 +180,7 @@ pub(super) fn filled(pattern: &str, subjects: &Subjects, manifest: &Manifest, ro
     }
 }
 
-/// Replaces each subject in a list by its two rows, one for each side. An id of a single row is kept.
+/// Replaces each subject in a list by its two rows, one for each side. An entry that is the id of a single row is kept.
 pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest) -> Vec<Named> {
     let has = |id: &str| manifest.rows.iter().any(|row| row.id == id);
     let rows = |named: &Named| -> Vec<Named> {

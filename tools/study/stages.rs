@@ -262,7 +262,8 @@ impl Plan {
             &text(&scores),
         ]));
         inputs.extend([measures, scores]);
-        // The group file is a mask: the test leaves out vertices without a counterpart on the members of the group.
+        // The group file serves as a mask: the test leaves out vertices without a counterpart on the members of the
+        // group.
         let group = (self.method == Method::Correspond).then(|| self.group_file());
         let mask = test.mask.as_ref().map(|mask| self.folder.join(mask));
         let sphere = test.sphere.as_ref().map(|sphere| self.folder.join(sphere));

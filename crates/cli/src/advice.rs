@@ -24,7 +24,8 @@ pub use fit::of_oscillation;
 
 use crate::output::STDOUT;
 
-/// Returns the advice on the first error in the chain that has advice.
+/// Returns the advice on `error`, or else on the first of its sources for which there is advice; `None` if there is no
+/// advice.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);

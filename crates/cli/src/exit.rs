@@ -51,8 +51,8 @@ fn listen() -> Arc<AtomicBool> {
             let _ = flag::register(signal, Arc::clone(&cancel));
         }
     }
-    // With a handler, a write beyond the limit on file sizes (`ulimit -f`) fails with EFBIG instead of ending the
-    // process.
+    // If SIGXFSZ has a handler, a write beyond the limit on file sizes (`ulimit -f`) fails with EFBIG. Without a
+    // handler, the signal would end the process.
     #[cfg(unix)]
     let _ = flag::register(libc::SIGXFSZ, Arc::default());
     cancel

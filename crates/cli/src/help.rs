@@ -8,7 +8,7 @@ pub const OUTPUT: &str = "Output";
 pub const METHOD: &str = "Method";
 /// Heading of the equation solver's settings.
 pub const SOLVER: &str = "Solver";
-/// Heading of memory and threads.
+/// Heading of the settings for memory and threads.
 pub const RESOURCES: &str = "Resources";
 
 /// The formats of meshes, for `--help`.

@@ -20,8 +20,8 @@ pub fn memory() -> Memory {
     Memory { peak_resident: process_status("VmHWM:"), anonymous: process_status("RssAnon:") }
 }
 
-/// Raises the limit on open files to the system's maximum: a store has one file per degree.
-/// Windows has no such limit.
+/// Raises the limit on open files to the system's maximum, because a store has one file per degree. Windows has no such
+/// limit.
 pub fn raise_file_limit() {
     #[cfg(unix)]
     {

@@ -23,8 +23,8 @@ pub enum Role {
     Output,
     /// A report or a table is written to the path, in addition to the results.
     Report,
-    /// The path isn't a single file that is either read or written. The path may be that of a store or of a folder of
-    /// data.
+    /// The path isn't that of a single file which is only read or only written. For example, it is the path of a store
+    /// or of a folder of data.
     Other,
 }
 

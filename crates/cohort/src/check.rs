@@ -5,9 +5,9 @@
 //! These flags mark equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs
 //! with many changes, and modes that are mostly due to a single subject ([`influential`]).
 //!
-//! A flag isn't a verdict. By chance, a normally distributed measure flags a subject in 8 to 16 of 100 groups if the
-//! groups have 8 to 200 subjects. In larger groups, such a measure flags about one subject in 2,000. Distributions with
-//! long tails cause more flags.
+//! A flag isn't a verdict. By chance, a normally distributed measure flags at least one subject in 8 to 16 of 100
+//! groups if the groups have 8 to 200 subjects. In larger groups, such a measure flags about one subject in 2,000.
+//! Distributions with long tails cause more flags.
 
 mod flags;
 mod measure;

@@ -22,8 +22,8 @@ pub enum State {
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
-    /// A signal or the failure of another row ended the run before the row was finished. If a row failed, the column
-    /// `error` gives its failure.
+    /// The run ended before the row was finished, because the run was cancelled or another row failed. If another row
+    /// failed, the column `error` gives the error of that row.
     Interrupted,
 }
 

@@ -118,8 +118,8 @@ impl<'a> Header<'a> {
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
-    /// Returns the size in bytes of the data after the header: the product of the axis lengths plus the size of a
-    /// table's heap, times the size of a number.
+    /// Returns the size in bytes of the data after the header: `(axes + heap) * bytes`. Here `axes` is the product of
+    /// the axis lengths, `heap` is the length of a table's heap (PCOUNT), and `bytes` is the size of a number.
     fn length(&self) -> Result<usize, Flaw> {
         let large = || Flaw::new("data that fit in memory", "larger data");
         let axes = self.number("NAXIS")?;

@@ -55,7 +55,7 @@ pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Im
     for path in files.iter().map(AsRef::as_ref) {
         let found = one(path, options)?;
         let channels = found.coefficients.channels();
-        // Files of different formats are refused below, with the reason.
+        // If the formats differ, the files are refused below, with an error that states both formats.
         let one_format = whole.as_ref().is_none_or(|before| before.format == found.format);
         if one_format && files.len() > 1 && channels > 1 {
             return Err(ExchangeError::SeveralModels { path: path.to_owned(), channels });

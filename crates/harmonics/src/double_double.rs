@@ -191,7 +191,7 @@ mod tests {
     }
 
     /// If the processor has no instruction for fused products, `f64::mul_add` calls a function of the C library, and
-    /// MinGW's version of this function rounds twice.
+    /// MinGW's version of this function rounds twice. This test therefore isn't compiled for MinGW.
     #[cfg(not(all(windows, target_env = "gnu")))]
     #[test]
     fn both_products_give_the_same_bits() {

@@ -1,13 +1,13 @@
 //! Gauss-Legendre rings: the colatitudes and weights that integrate polynomials in `cos theta` exactly.
 //!
-//! With the zeros `x_j` of `P_n` and
+//! The nodes are the zeros `x_j` of the Legendre polynomial `P_n`. The weights `w_j` and the integration rule are
 //!
 //! ```text
 //! w_j = 2 / ((1 - x_j^2) P_n'(x_j)^2),    sum_j w_j p(x_j) = integral over -1..1 of p(x) dx
 //! ```
 //!
-//! for every polynomial p of degree up to `2n - 1`. On the sphere, n rings of more than 2n - 1 equidistant azimuths
-//! integrate every function of degree up to `2n - 1`.
+//! The rule is exact for every polynomial p of degree up to `2n - 1`. On the sphere, n rings of more than 2n - 1
+//! equidistant azimuths integrate every function of degree up to `2n - 1`.
 //!
 //! Nodes are computed by Newton's method, from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))`
 //! (Ann. Mat. Pura Appl. 31 (1950)). The last step is computed in double-double, all others in doubles. Next to the

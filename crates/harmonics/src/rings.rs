@@ -1,7 +1,7 @@
 //! The Legendre recurrence for one order at a time and all degrees, for transforms over rings of constant colatitude.
 //!
-//! The recurrence of [`recurrence`](crate::recurrence) for fixed m, divided by factors s that make its second
-//! coefficient one:
+//! For a fixed order m, the values `q_l` of [`recurrence`](crate::recurrence) are divided by factors `s_l` that make
+//! the second coefficient of the recurrence one. With `r_l = q_l / s_l` and the coefficients `a_l`, `b_l` of order m,
 //!
 //! ```text
 //! P_{l,m}(theta) = s_l u^m r_l(z),   r_m = 1,   r_l = alpha_l z r_{l-1} - r_{l-2}

@@ -21,11 +21,11 @@ use crate::key::{Key, are_equal};
 use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
-/// Largest number of samples per chunk, enough to occupy all threads. This number is a multiple of the block size, so
-/// the sums have the same bits for any number of threads.
+/// Largest number of samples per chunk, enough to occupy all threads. This number is a multiple of the number of
+/// samples in a block of the [`Accumulator`], so the sums have the same bits for any number of threads.
 const CHUNK: usize = 1 << 19;
 /// Largest number of samples per thread and chunk, small enough that the samples stay in the core's cache between the
-/// steps of processing. This number is also a multiple of the block size.
+/// steps of processing. This number is also a multiple of the number of samples in a block.
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
 /// A request for moments: the tables to read, their columns, and the highest degree of fits from the moments.

@@ -51,7 +51,8 @@ pub struct Source {
 pub struct Moments {
     /// Names of the c channels.
     pub channels: Vec<String>,
-    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, and the number of samples.
+    /// The sums over samples of weights w and values f: moments to degree 2L, right-hand sides to degree L,
+    /// `sum w f^2`, and the number of samples.
     pub sums: SampleSums,
     /// Number of samples, including those with weight 0.
     pub rows: u64,

@@ -158,8 +158,8 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
 }
 
 /// Runs the experiment of table 1. For the memory limit and 1/2, 1/4 and 1/8 of it, finds the largest degree at which
-/// the solver's plan for NLSF stays within the limit. For the full limit, also runs a fit at this degree, or at degree
-/// `extent.nlsf` if it is lower.
+/// the solver's plan for NLSF stays within the limit. For the full limit, also runs a fit at this degree or at degree
+/// `extent.nlsf`, whichever is lower.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,

@@ -2,11 +2,11 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
-/// tan(pi / 8). For larger arguments t, atan(t) is computed as pi / 4 + atan((t - 1) / (t + 1)).
+/// tan(pi / 8). For arguments t above this value, atan(t) is computed as pi / 4 + atan((t - 1) / (t + 1)).
 const TURN: f64 = 0.414_213_562_373_095_03;
 
-/// Coefficients of the numerator of (atan(x) / x - 1) / x^2 for |x| <= 0.66, a polynomial in x^2, highest power first
-/// (S. Moshier, Cephes, `atan.c`).
+/// For |x| <= 0.66, (atan(x) / x - 1) / x^2 is computed as a quotient of two polynomials in x^2 (S. Moshier, Cephes,
+/// `atan.c`). These are the coefficients of the numerator, highest power first.
 const ABOVE: [f64; 5] = [
     -8.750_608_600_031_904e-1,
     -1.615_753_718_733_365e1,
@@ -15,8 +15,7 @@ const ABOVE: [f64; 5] = [
     -6.485_021_904_942_025e1,
 ];
 
-/// Coefficients of the denominator of (atan(x) / x - 1) / x^2, a polynomial in x^2, highest power first, without the
-/// leading coefficient 1.
+/// Coefficients of the denominator (see [`ABOVE`]), highest power first, without the leading coefficient 1.
 const BELOW: [f64; 5] = [
     2.485_846_490_142_306_3e1,
     1.650_270_098_316_988_5e2,

@@ -9,11 +9,13 @@
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
 //! ```
 //!
-//! with F_v the frame of the tangent plane at p_v, and the phi_k(v) scaled to sum to 1, so that the space contains
-//! rotations of the entire sphere exactly. This is smoothed aggregation with the rigid modes of elasticity (P. Vanek,
-//! J. Mandel, M. Brezina, Computing 56, 1996), except that the phi_k are hat functions of the distance and aren't
-//! smoothed by the matrix. Patches depend only on the triangulation and are computed once. Let P be the matrix that
-//! maps all omega_k to all x_v, and H the Hessian. The coarse matrix is P^T H P, which the library faer factors.
+//! where p_v is the position of vertex v on the unit sphere, F_v converts a vector to coordinates in the tangent plane
+//! at p_v, and omega_k x p_v is a vector product. The phi_k(v) are scaled to sum to 1 over the patches, so that the
+//! space contains rotations of the entire sphere exactly. This is smoothed aggregation with the rigid modes of
+//! elasticity (P. Vanek, J. Mandel, M. Brezina, Computing 56, 1996), except that the phi_k are hat functions of the
+//! distance and aren't smoothed by the matrix. Patches depend only on the triangulation and are computed once. Let P be
+//! the matrix that maps all omega_k to all x_v, and H the Hessian. The coarse matrix is P^T H P, which the library faer
+//! factors.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -153,7 +155,8 @@ impl Coarse {
             for at in pattern.range(v as usize) {
                 let w = pattern.columns[at];
                 let [a, b, c, d] = blocks[at];
-                // The 3 x 3 product P_v^T H_vw P_w, with H_vw the block of the Hessian for the vertices v and w.
+                // The 3 x 3 product P_v^T H_vw P_w. P_v has the two rows `turns[v]`, multiplied by the vertex's weight
+                // in patch k, P_w the rows `turns[w]`, and H_vw is the block of the Hessian for the vertices v and w.
                 let left = [add(scale(own[0], a), scale(own[1], c)), add(scale(own[0], b), scale(own[1], d))];
                 let right = turns[w as usize];
                 let mut product = [0.0; 9];

@@ -27,8 +27,9 @@
 //!
 //! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij. L_ij is the icosphere's own edge
 //!   length, scaled by the square root of the ratio of the areas.
-//! - *bending*: U_i - mean of U_j, with U_i = mean of l_ij t_ij, which smooths changes of the spacing. Bending doesn't
-//!   change the shape: vertices are projected back onto the surface, so only the tangential part of a force moves them.
+//! - *bending*: U_i - mean of U_j, with U_i = mean over j of l_ij t_ij. This force smooths changes of the spacing. It
+//!   doesn't change the shape: vertices are projected back onto the surface, so only the tangential part of a force
+//!   moves them.
 //!
 //! Finally, triangles that intersect each other are searched for with a bounding-volume hierarchy. Intersections occur
 //! where a fold is narrower than the triangles. The vertices around intersecting triangles are smoothed until no

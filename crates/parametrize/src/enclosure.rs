@@ -20,8 +20,9 @@ const COMPACT: f64 = 0.005;
 /// which [`check_one_piece`] accepts without a check.
 const SPECKS: f64 = 0.05;
 
-/// If more than this share of a mesh's area is outside of its largest piece, an error describes the separate pieces
-/// instead of the largest piece.
+/// If the largest piece of a mesh is a sheet, the mesh is refused. If more than this share of the mesh's area is
+/// outside of the largest piece, the error states that the mesh consists of separate pieces, and not that it is a
+/// sheet.
 const REST: f64 = 0.5;
 
 /// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Several
@@ -96,8 +97,9 @@ fn is_consistent(faces: &[[u32; 3]]) -> bool {
     edges.windows(2).all(|pair| pair[0] != pair[1])
 }
 
-/// Returns whether the holes of a one-sided mesh are so small that it isn't a strip, but a surface that passes through
-/// itself. The rim of a strip is so long that a disk with this rim would be larger than the strip.
+/// Returns whether a one-sided mesh is a surface that passes through itself and has small holes, rather than a strip.
+/// The length of the rim distinguishes the two: the rim of a strip is so long that a disk with the same circumference
+/// would be larger than the strip.
 fn has_short_rim(mesh: &Mesh) -> bool {
     let disk = rim_length(mesh).powi(2) / (4.0 * std::f64::consts::PI);
     disk < FILLED * (area(mesh) + disk)

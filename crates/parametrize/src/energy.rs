@@ -17,9 +17,9 @@
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
-//! Each energy goes to infinity as a triangle loses its area, so a descent from a map without flipped triangles never
-//! flips one. Cotangents don't depend on scale, so a triangle of a coarsened mesh can be assigned a larger area than
-//! its own.
+//! a, b, c and e are the fields `area`, `shape`, `bound` and `shrink` of [`Energy`]. Each energy goes to infinity as a
+//! triangle loses its area, so a descent from a map without flipped triangles never flips one. Cotangents don't depend
+//! on scale, so a triangle of a coarsened mesh can be assigned a larger area than its own.
 
 use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};

@@ -9,7 +9,8 @@ use spharm_monitor::Monitor;
 use crate::ParametrizeError;
 use crate::sparse_cholesky::Symbolic;
 
-/// Marks a vertex with a known value in the list that gives each vertex the index of its unknown.
+/// Marks a vertex with a known value in the list `places`. For the other vertices, this list has the index of the
+/// vertex's unknown in the linear system.
 const KNOWN: u32 = u32::MAX;
 
 /// Fills in the values of the vertices for which `known` (n) is false. `values` (n, `channels`) is row-major; its

@@ -107,8 +107,9 @@ pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], 
     if t.volume > 0.0 { value } else { f64::INFINITY }
 }
 
-/// Returns derivatives of the triangle's linear map z -> alpha z + beta conj(z) with respect to a corner's two
-/// unknowns: those of |alpha|, |alpha| times the argument of alpha, |beta|, and |beta| times the argument of beta.
+/// Returns the derivatives of the triangle's linear map z -> alpha z + beta conj(z) with respect to a corner's two
+/// unknowns, in four rows: the derivatives of |alpha|, |alpha| times the derivatives of the argument of alpha, and the
+/// same two rows for beta.
 #[inline(always)]
 fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], frame: [Vec3; 2]) -> [[f64; 2]; 4] {
     // With `across` = i e / (4 A), where e is the edge opposite the corner on the surface and A is the triangle's area:
@@ -195,7 +196,8 @@ fn flat(t: &Triangle, densities: [f64; 6], [_, y, z]: [f64; 3], area: f64) -> Fl
 #[inline(always)]
 fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &Triangle) -> Vec3 {
     // With A the area on the surface, and y and z the cotangents at b and c, A dq/da = (z (a - b) + y (a - c)) / 2.
-    // With W = A r the solid angle, dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2).
+    // With W = A r the solid angle, tan(W / 2) = volume / rest, hence
+    // dW = 2 (rest d(volume) - volume d(rest)) / (volume^2 + rest^2).
     // d(rest)/da = b + c, d(volume)/da = b x c = b x (c - b); the last form keeps the digits of short edges.
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }

@@ -166,7 +166,8 @@ impl Triangle {
         let (area, image) = (area(surface) * scale, area(sphere));
         let (before, after) = (angles(surface), angles(sphere));
         // The map stretches the triangle by s1 and s2: s1^2 + s2^2 = sum of cot(angle) |opposite edge|^2 / (2 area),
-        // with the angles on the surface and the edges on the sphere, and s1 s2 = image / area.
+        // with the angles on the surface and the edges on the sphere, and s1 s2 = image / area, with `image` the area
+        // of the flat triangle on the sphere.
         let [a, b, c] = surface;
         let cotangents = [cotangent(a, b, c), cotangent(b, c, a), cotangent(c, a, b)];
         let [p, q, r] = sphere;

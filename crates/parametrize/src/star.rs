@@ -13,8 +13,8 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit
 use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
-/// The triangles around a vertex. For each triangle, the positions of its two other corners are stored, and its shape,
-/// in which the vertex is the first corner.
+/// The triangles around a vertex. Each triangle is stored as the positions of its two other corners, and its shape,
+/// whose cotangents start with the one at the vertex.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }

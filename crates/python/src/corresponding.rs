@@ -242,7 +242,8 @@ impl Group {
             let same = self.inner.report.members.iter().position(|member| member.same_surface(&report));
             let same = same.map(|member| format!("{IDENTICAL_TO}{}", self.names[member]));
             let (similarity, report) = (transform(&similarity).to_string(), json!(report).to_string());
-            // Only warnings about equal members of a new group name another member.
+            // The closure is never called: only the warning about identical members mentions another member, and this
+            // warning is issued only for new groups.
             let warnings = warnings.iter().map(|of: &CorrespondWarning| of.of_member(|_| String::new()));
             let warnings = same.into_iter().chain(warnings);
             let (places, reached) = (positions(py, places), reached.into_pyarray(py));

@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 use spharm::Kind;
 use spharm::model::made;
-use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
+use spharm::shape::morph::{Morph, default_method, volume_ratio, volume_warning};
 use spharm::shape::{AlignParams, Method};
 use spharm::{Error, Monitor};
 
@@ -33,8 +33,11 @@ pub(crate) fn shape_morph(
     let (models, ratio, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         refuse_signals("start", std::slice::from_ref(&start))?;
         refuse_signals("end", std::slice::from_ref(&end))?;
-        let fixed = fixed.unwrap_or_else(|| start.is_in_group_of(&end) && !mirror);
-        let method = if fixed { Method::FixedParameters } else { Method::Joint };
+        let method = match fixed {
+            Some(true) => Method::FixedParameters,
+            Some(false) => Method::Joint,
+            None => default_method(&start, &end, mirror),
+        };
         let params = AlignParams { method, mirror, scale: false, ..AlignParams::default() };
         let morph = Morph::new(&start.coefficients, &end.coefficients, &params, keep_pose, monitor)?;
         let ratio = volume_ratio(&morph, monitor)?;

@@ -142,8 +142,8 @@ impl Asked<'_> {
     }
 }
 
-/// Settings of relabellings and of statistics of regions. `surface` has the vertices (V, 3) and the triangles of the
-/// surface. `kept` (V) selects the vertices that have values.
+/// Settings of the relabellings, and of the statistics of regions (TFCE and clusters). `surface` has the surface's
+/// vertices, (V, 3), and triangles. `kept` (V) selects the vertices that have values.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Inference<'py> {
@@ -262,7 +262,8 @@ pub(crate) fn shape_test<'py>(
     }
     result.set_item("meaning", &question.meaning)?;
     result.set_item("levels", question.levels.clone())?;
-    // Omit the tested effect, because the caller declared its numbers to be quantities, not codes of levels.
+    // Omit the column of the tested effect from the codes, because the caller declared its numbers to be quantities,
+    // not codes of levels.
     let declared = match &asked.effect[..] {
         [(name, _)] => Some(name),
         _ => None,

@@ -15,7 +15,7 @@ pub(crate) fn masked(params: FitParams, mask: Option<&[bool]>, sphere: &Sphere) 
     mask.map_or(Ok(params.clone()), |keep| params.masked(keep, sphere))
 }
 
-/// Returns an error for a sphere with a warning if the settings are strict.
+/// If the settings are strict, returns an error for a sphere that has a warning.
 pub(crate) fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
     match sphere.warnings.first().filter(|_| params.strict) {
         Some(warning) => Err(Failure::Argument(format!("the sphere: {warning}"))),
@@ -30,8 +30,8 @@ pub(crate) fn doubts(target: &Target, params: &FitParams) -> Result<Vec<String>,
     named(target.path.as_deref(), warnings, params)
 }
 
-/// Returns the warning that a surface without a sphere and its mask belong to different hemispheres. If the settings
-/// are strict, returns this warning as an error.
+/// Returns a warning if the mask of a surface without a sphere belongs to the other hemisphere. If the settings are
+/// strict, returns this warning as an error.
 pub(crate) fn doubts_of_mask(
     metadata: Option<&Metadata>,
     mask: Option<&Path>,
@@ -81,8 +81,8 @@ pub(crate) fn target(
     Ok(Target { kind, ..target })
 }
 
-/// Copies values on all threads of the current pool, because most of the time is spent by the system on providing new
-/// memory pages.
+/// Copies values on all threads of the current pool, because the system spends most of the time of a copy on providing
+/// new memory pages.
 fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
     const PART: usize = 1 << 16;
     let Some(values) = values.as_slice() else {

@@ -13,7 +13,7 @@ use crate::arrays::{Positions, borrowed_rows};
 use crate::errors::exception;
 use crate::run::{pool, run};
 
-/// A plan for transforms at a list of directions. Objects of this class are immutable.
+/// A plan for transforms at a list of directions. Its attributes never change.
 #[pyclass(frozen, module = "spharm_rs._core")]
 pub(crate) struct Transform {
     pub(crate) planned: PlannedSphere,

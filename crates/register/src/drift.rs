@@ -11,16 +11,19 @@
 //! (F^T diag(P 1) F + lambda (sigma / scale)^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
 //!
-//! The square root of the template's area, `scale`, is the unit of lengths, so that results don't depend on the unit of
-//! the coordinates.
+//! x_j are the subject's points and y_i the template's points, with the unit normals n_j and n_i and the displacements
+//! v_i. P is the matrix of the responsibilities p_ij, and c is the term for outliers. F (n, r) is the factor of the
+//! kernel, and lambda the stiffness. The square root of the template's area, `scale`, is the unit of lengths, so that
+//! results don't depend on the unit of the coordinates.
 //!
 //! The subject's points are samples of its surface: they show where the surface is, but not which of its points
-//! correspond to points of the template. Each point of the template is therefore pulled towards `x` with full strength
-//! across the surface, but along the surface only by the share `(sigma / (2 sigma_0))^2`, where sigma_0 is the first
-//! width. With a full pull along the surface, points would scatter along surfaces that coincide: the variance of five
-//! registered boxes with a growing bump would be ten times as large.
+//! correspond to points of the template. Therefore only the component of the pull along the template's normal acts with
+//! full strength. The component within the surface is multiplied by `(sigma / (2 sigma_0))^2`, limited to at most 1,
+//! where sigma_0 is the first width. With a full pull within the surface, points would scatter along surfaces that
+//! coincide: the variance of five registered boxes with a growing bump would be ten times as large.
 //!
-//! An iteration costs 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
+//! An iteration costs 25 flops for each pair of points within `CUT_OFF` sigma, and `n r^2` flops for the matrix of the
+//! normal equations.
 
 use rayon::prelude::*;
 use spharm_linalg::{Accum, Cholesky, Mat, MatRef, matmul};
@@ -44,8 +47,9 @@ const CUT_OFF: f64 = 5.0;
 const RUNS: usize = 16;
 /// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
-/// The pull along the surface is the pull across the surface times `(sigma / (ALONG sigma_0))^2`, but at most equal to
-/// it. sigma is the present width of the Gaussians, and sigma_0 their initial width.
+/// The component of the pull within the surface is multiplied by `(sigma / (ALONG sigma_0))^2`, limited to at most 1.
+/// The component along the normal is unchanged. sigma is the present width of the Gaussians, and sigma_0 their initial
+/// width.
 const ALONG: f64 = 2.0;
 /// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel takes over.
 const AGAIN: f64 = 1.3;
@@ -230,9 +234,9 @@ fn expectation(
     found
 }
 
-/// Returns `P x`, the sums of the subject's points weighted by responsibilities, after weakening the pull along the
+/// Returns `P x`, the sums of the subject's points weighted by responsibilities, after weakening the pull within the
 /// surface. The pull on a template point is its row of `P x` minus the product of the point and its sum of
-/// responsibilities. The component of the pull along the surface is multiplied by `along`.
+/// responsibilities. The component of the pull perpendicular to the point's normal is multiplied by `along`.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);

@@ -1,8 +1,8 @@
 //! Registers surfaces in space: moves a template mesh onto the surface of each subject of a group.
 //!
-//! The subject's surface is only searched for nearest points. The surface may therefore have handles, holes, several
-//! pieces, and triangles in any order. The template's triangles don't change, so all subjects get the same
-//! triangulation, and therefore the same sphere. Subject and template must be in the same pose.
+//! The subject's surface is used only to find nearest points. It may therefore have handles, holes, several pieces, and
+//! triangles in any order. The template's triangles don't change, so all subjects get the same triangulation, and
+//! therefore the same sphere. Subject and template must be in the same pose.
 //!
 //! # Steps
 //!

@@ -1,4 +1,5 @@
-//! Computes a Gaussian kernel as a product of low rank: `k(y, y') = exp(-|y - y'|^2 / (2 w^2))`, `K = F F^T`.
+//! Approximates the matrix K of a Gaussian kernel by a product of low rank, `K = F F^T`. The kernel of width w is
+//! `k(y, y') = exp(-|y - y'|^2 / (2 w^2))`.
 //!
 //! F is computed by a pivoted Cholesky factorisation that ends when no diagonal entry of the remainder exceeds a
 //! tolerance: N. Higham, "Analysis of the Cholesky decomposition of a semi-definite matrix" (1990). The rows of F at

@@ -37,7 +37,7 @@ pub struct RegisterParams {
     /// Total weight of the pairs of a point of the subject and the nearest point of the template. The pairs of a vertex
     /// of the template and the nearest point of the subject have the total weight 1.
     pub back: f64,
-    /// Weight of distances along the surface, relative to distances across it.
+    /// Weight of distances within the surface, relative to distances along its normal.
     pub tangential: f64,
     /// Distance that is equivalent to a unit difference of normals in the search for nearest points.
     pub normal: f64,

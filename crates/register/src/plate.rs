@@ -1,6 +1,6 @@
-//! Computes the bending energy of a thin plate over a template's triangles: `|L v|^2`, where L is the graph Laplacian
-//! with each row divided by the number of neighbours. All neighbours have equal weights, because the triangles have
-//! nearly equal sizes.
+//! Computes the bending energy of a thin plate over a template's triangles: `|L v|^2` for displacements v of the
+//! vertices, where L is the graph Laplacian with each row divided by the vertex's number of neighbours. All neighbours
+//! have equal weights, because the triangles have nearly equal sizes.
 
 use spharm_linalg::{MatMut, SparseFactor, SparsePattern};
 use spharm_surface::geometry::Vec3;
@@ -33,7 +33,7 @@ impl Rows {
     }
 }
 
-/// Bending energy of displacements of a mesh's vertices.
+/// The bending energy of a mesh, a quadratic form in the displacements of its vertices.
 pub struct Plate {
     /// The neighbours of each vertex.
     pub(crate) rings: Rows,

@@ -3,17 +3,18 @@
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
 //! Each point of the template is paired with the nearest point of the subject, by position and normal, and each point
 //! of the subject with the nearest point of the template. The pairs from the subject pull the template into tips, which
-//! aren't nearest to any point of the template. Distances across the surface have full weight, and distances along it
-//! have a small weight. Each round solves
+//! aren't nearest to any point of the template. Distances along the subject's normal have full weight, and distances
+//! within the surface have a small weight. Each round solves
 //!
 //! ```text
-//! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) for each pair
+//! (S^T W S + stiffness / N L^T L) v = S^T W r,   W = w (m m^T + tangential I) for each pair
 //! ```
 //!
-//! for the displacement v, where S interpolates within triangles, and r has the vector from the template's point to the
-//! subject's point for each pair. The equations are solved by conjugate gradients. The preconditioner is the Cholesky
-//! factor of the matrix with `W = w (1/3 + tangential) I`. A round costs this factorisation, and about 200 flops per
-//! pair and 2,000 per vertex for each iteration.
+//! for the displacement v of the N vertices, where L is the Laplacian of the [plate](crate::plate), S interpolates
+//! within triangles, and r has the vector from the template's point to the subject's point for each pair. w is the
+//! weight of a pair, and m the subject's unit normal. The equations are solved by conjugate gradients. The
+//! preconditioner is the Cholesky factor of the matrix with `W = w (1/3 + tangential) I`. A round costs this
+//! factorisation, and about 200 flops per pair and 2,000 per vertex for each iteration.
 
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, add, dot, scale as times, sub, unit};
@@ -43,7 +44,8 @@ const QUARTERS: [[f64; 3]; 4] = [
     [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0],
 ];
 
-/// A point of the template that is pulled to a plane of the subject.
+/// A point of the template, the point of the subject to which it is pulled, and the normal along which the pull is
+/// strongest.
 struct Pair {
     vertices: [u32; 3],
     weights: [f64; 3],

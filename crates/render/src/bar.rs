@@ -63,7 +63,7 @@ impl Bar {
     /// Draws the bar into a panel, with its top at y. The panel begins at x.
     pub(crate) fn draw(&self, picture: &mut Image, x: usize, y: usize) {
         let Self { range, width, length, line, size, .. } = *self;
-        // Bars are shorter than half of the panel if the values at their ends need the room.
+        // The bar is at most half as wide as the panel, and shorter if the values at its ends need the room.
         let left = x + width / 4 + (width / 2 - length) / 2;
         for column in 0..length {
             let color = map_of(range)(column as f64 / (length.max(2) - 1) as f64);

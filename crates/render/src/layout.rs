@@ -30,7 +30,8 @@ impl Layout {
         Self::with_lines(settings, bars, captions)
     }
 
-    /// Returns the layout of the highest panels that pictures with these settings may have.
+    /// Returns the layout for labels and captions of maximum length, which gives the tallest panels that pictures with
+    /// these settings may have.
     pub(crate) fn highest(settings: &Settings) -> Self {
         let lines = Some(settings.dpi.map_or(1, |_| LINES));
         Self::with_lines(settings, lines, lines)

@@ -184,9 +184,9 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
 
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
-    // Panels often show one mesh from several sides, or several meshes from one side, so each mesh is considered only
-    // once, and panels with the same view share a camera. The view with the largest extent determines the scale of all
-    // views.
+    // Panels often show one mesh from several sides, or several meshes from one side. Therefore each mesh is listed
+    // only once, and, with a common scale or frame, panels with the same view share a camera. The view with the largest
+    // extent then determines the scale of all views.
     let mut meshes: Vec<&Mesh> = Vec::new();
     for panel in panels {
         if !meshes.iter().any(|mesh| std::ptr::eq(*mesh, panel.mesh)) {

@@ -38,7 +38,7 @@ struct Corner {
     normal: Vec3,
     /// Colour in linear light.
     color: Vec3,
-    /// Difference between the value of the contour's map and the contour's level; NaN without a contour.
+    /// Value at this vertex of the map whose contour is drawn, minus the contour's level; NaN without a contour.
     off: f64,
 }
 

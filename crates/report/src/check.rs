@@ -33,7 +33,7 @@ pub struct CheckedSubject {
     pub cells: Vec<CheckedCell>,
     /// Picture of the surface as PNG, if any.
     pub picture: Option<Vec<u8>>,
-    /// Scale of the picture relative to the other pictures, if this picture has a smaller scale.
+    /// Scale of the picture, if known: 1, or less for a surface that is larger than the box common to all pictures.
     pub scale: Option<f64>,
 }
 
@@ -118,8 +118,8 @@ fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     )
 }
 
-/// Number of reasons that are shown initially if there are at least two more reasons. The other reasons unfold on
-/// request.
+/// Number of reasons that are shown initially if a subject has at least two more reasons; the other reasons unfold on
+/// request. With fewer reasons, all are shown.
 const SHOWN: usize = 3;
 
 /// Returns the reasons for flags as HTML, one per line.

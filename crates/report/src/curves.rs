@@ -8,7 +8,7 @@ use crate::chart::{Chart, Line};
 
 const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 
-/// Returns the chart of the power of each degree from 1 on, `sum_m a_lm^2 / 4 pi`, per channel and in total.
+/// Returns the chart of the power of each degree from 1 on, `sum_m a_lm^2 / (4 pi)`, per channel and in total.
 pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     let names = [("x", "x"), ("y", "y"), ("z", "z"), ("all", "all")];
     let lines = names.iter().enumerate().map(|(channel, &(class, name))| {

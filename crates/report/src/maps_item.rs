@@ -50,8 +50,8 @@ impl MapsItem {
         }
         // The picture uses the same ranges of colours as the script.
         let has = |name: &str| test.maps.iter().any(|(other, _)| other == name);
-        // A statistic and an effect size have signs only if the test has a single effect. Those of F tests and of tests
-        // of positions have no sign.
+        // The statistic and the effect size of a test have signs only if the test has a single effect. In F tests and
+        // in tests of positions, they have no sign.
         let has_sign = |name: &str| has("effect") && ["effect", "statistic", "size"].contains(&name);
         let range = |name: &str, values: &[f64]| if has_sign(name) { symmetric(values) } else { range(values) };
         let shown = ["effect", "statistic", if has("p-tfce") { "p-tfce" } else { "p-fwe" }];

@@ -7,7 +7,7 @@ use crate::grid::vertices_for;
 
 /// Number of bytes per vertex of a mesh in the page: evaluated positions and triangles, their binary form, and their
 /// text. The text takes twice its size while it grows. The measured memory was 270 bytes per vertex for a model of
-/// 40,962 vertices, and 270 for its surface.
+/// 40,962 vertices, and another 270 bytes per vertex for its surface.
 const BYTES_PER_VERTEX: u64 = 320;
 /// Number of bytes per vertex of the search tree of a surface. A tree is built if the model is compared with a surface
 /// whose triangles differ from the model's. Only one tree exists at a time.
@@ -16,8 +16,8 @@ const TREE: u64 = 520;
 const FIXED: u64 = 12 << 20;
 
 impl Contents {
-    /// Returns the approximate maximum number of bytes for creating the page. The bytes of the page are included, those
-    /// of `self` aren't.
+    /// Returns the approximate maximum number of bytes for creating the page. The number includes the bytes of the
+    /// page, but not those of `self`.
     #[must_use]
     pub fn bytes(&self, params: Params) -> u64 {
         let most = params.max_vertices;

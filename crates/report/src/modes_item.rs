@@ -24,7 +24,7 @@ pub(crate) struct ModesItem {
     grid: Grid,
     /// Coefficients of the mean, (K, 3).
     coefficients: Block,
-    /// Coefficients of the modes without row 0, (m, K - 1, 3). Each mode has the norm sqrt(4 pi).
+    /// Coefficients of the modes without row 0, (modes, K - 1, 3). Each mode has the norm sqrt(4 pi).
     modes: Block,
     /// Standard deviation along each mode.
     deviations: Vec<f64>,

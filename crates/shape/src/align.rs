@@ -9,13 +9,13 @@
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
-//! R is the rotation of the parameters, and Q is the rotation of space. The best Q for a given R has a closed form, so
-//! a search over a grid of R finds both rotations. Newton's method then refines two sets of rotations to an accuracy of
-//! 1e-13: the best local maxima of the grid, and the four rotations that align the axes of the first-order ellipsoids.
-//! No initial alignment is needed and the result doesn't depend on the surfaces' poses. The grid uses only the degrees
-//! below its bandwidth. The refinement uses all degrees. With bandwidth 8 and 6 starts, the search found the best known
-//! optimum for all of 30 random pairs of hippocampi at degree 12; for these pairs, bandwidth 5 and 3 starts were
-//! enough.
+//! R is the rotation of the parameters, Q is the rotation of space, and f_j and g_i are coordinates of the surfaces.
+//! The best Q for a given R has a closed form, so a search over a grid of R finds both rotations. Newton's method then
+//! refines two sets of rotations to an accuracy of 1e-13: the best local maxima of the grid, and the four rotations
+//! that align the axes of the first-order ellipsoids. No initial alignment is needed and the result doesn't depend on
+//! the surfaces' poses. The grid uses only the degrees below its bandwidth. The refinement uses all degrees. With
+//! bandwidth 8 and 6 starts, the search found the best known optimum for all of 30 random pairs of hippocampi at degree
+//! 12; for these pairs, bandwidth 5 and 3 starts were enough.
 //!
 //! Mirror images are matched only if `mirror` is set.
 //!

@@ -1,9 +1,9 @@
 //! Groups models by their shapes: hierarchical clustering with Ward's linkage.
 //!
-//! Ward's linkage is computed by the crate kodama. It repeatedly merges the two clusters whose merger increases the sum
-//! of squared distances from the clusters' means the least (J. H. Ward, "Hierarchical grouping to optimize an objective
-//! function", JASA 58, 1963). The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw,
-//! "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
+//! Ward's linkage repeatedly merges two clusters, each time the pair whose merger least increases the sum of squared
+//! distances from the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective function", JASA 58,
+//! 1963). It is computed by the crate kodama. The number of clusters may be chosen by the mean silhouette (P. J.
+//! Rousseeuw, "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
 //!
 //! Cost for n models: O(n^2) time, and 8 n^2 bytes for two copies of the distances between all pairs.
 

@@ -11,11 +11,11 @@
 //! either, so the descriptors can't detect it. The power is described by M. Kazhdan, T. Funkhouser and S. Rusinkiewicz,
 //! "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003. The singular values also
 //! describe how a degree is distributed over the axes. The descriptors depend on the parameterisation. For comparisons,
-//! map surfaces with equal areas (`area` 0), because other maps also depend on the triangles of the input mesh. Degree
-//! 0, which is the position, is excluded.
+//! map surfaces to the sphere without area distortion (setting `area` 0), because other maps also depend on the
+//! triangles of the input mesh. Degree 0, which is the position, is excluded.
 //!
-//! For each degree from 0 to L, `Model.spectrum` of Python is the sum of the squares of the degree's coefficients, 4 pi
-//! P_l.
+//! In Python, `Model.spectrum` has the value 4 pi P_l for each degree l from 0 to L: the sum of the squares of the
+//! degree's coefficients.
 //!
 //! The distance between the singular values of two surfaces never exceeds the root mean square distance between the
 //! surfaces' points at equal directions. This bound holds for any rotation, reflection and translation of the surfaces,

@@ -9,7 +9,8 @@
 //!
 //! The frame is determined only up to half turns about the axes, applied to both the parameters and space. It is
 //! undetermined if two of the singular values are equal. The half turn is chosen by the signs of the surface's skewness
-//! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
+//! along x and y, so that the frame rotates with the surface. The skewness along axis c is `int f_c^3 du`, the integral
+//! over the sphere of the cube of the surface's coordinate f_c.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions, gauss_legendre, synthesis};
@@ -116,7 +117,8 @@ fn low_degrees(coefficients: &Coefficients) -> Result<Coefficients, ShapeError> 
     Ok(Coefficients::new(values)?)
 }
 
-/// Returns `int f_c^3 du` of three functions up to degree [`SKEWNESS_DEGREE`], exactly.
+/// Returns the skewness `int f_c^3 du` of each of the three coordinates, computed exactly from the degrees up to
+/// [`SKEWNESS_DEGREE`].
 fn skewness(coefficients: &Coefficients) -> Result<[f64; 3], ShapeError> {
     // 13 rings and 26 azimuths integrate functions of degree 24 exactly.
     let (rings, around) = (3 * SKEWNESS_DEGREE / 2 + 1, 3 * SKEWNESS_DEGREE + 2);

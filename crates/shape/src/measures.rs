@@ -1,7 +1,7 @@
 //! Computes area, volume and centroid of a model by Gauss-Legendre quadrature over the sphere.
 //!
-//! The grid has n rings of 2n azimuths. Each direction of ring j has the weight `w = w_j pi / n`. With the area vector
-//! `N = X_1 x X_2` of [`geometry`](crate::geometry):
+//! The grid has n rings of 2n azimuths. Each direction of ring j has the weight `w = w_j pi / n`, where w_j is the
+//! ring's Gauss-Legendre weight. With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry):
 //!
 //! ```text
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)

@@ -11,9 +11,10 @@
 //! [`FixedParameters`]: crate::Method::FixedParameters
 
 use spharm_harmonics::Coefficients;
+use spharm_model::Model;
 use spharm_monitor::Monitor;
 
-use crate::align::{AlignParams, Alignment, align};
+use crate::align::{AlignParams, Alignment, Method, align};
 use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
@@ -21,6 +22,13 @@ use crate::{MeasureParams, Rotation, ShapeError, measure};
 /// Minimum volume at t = 1/2, as a fraction of the smaller of the volumes at t = 0 and t = 1. If the volume is below
 /// this minimum, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
+
+/// Returns the method of alignment for a path if no method is requested. Members of one group keep their
+/// parameters, by which they correspond. A mirror image (`mirror`) needs other parameters.
+#[must_use]
+pub fn default_method(from: &Model, to: &Model, mirror: bool) -> Method {
+    if from.is_in_group_of(to) && !mirror { Method::FixedParameters } else { Method::Joint }
+}
 
 /// A path between two surfaces of one degree.
 #[derive(Debug, Clone)]

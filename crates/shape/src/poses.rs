@@ -12,8 +12,8 @@
 //!
 //! is 1 for surfaces in one pose, regardless of their sizes and shapes. For n surfaces in random poses, the ratio is
 //! about 1 / sqrt(n). For ellipsoids with axes 9, 5 and 3 in random poses, it is 0.27 for 12 surfaces, 0.42 for 5
-//! surfaces and 0.55 for 3 surfaces. Computing the ratio requires no search. It can't detect half turns about the axes
-//! of the ellipsoid in both spaces, which leave B unchanged.
+//! surfaces and 0.55 for 3 surfaces. Computing the ratio requires no search. The ratio can't detect a half turn about
+//! an axis of the ellipsoid that is applied both to the parameters and to space, because it leaves B unchanged.
 
 use std::fmt;
 
@@ -23,7 +23,8 @@ use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
 /// Surfaces are treated as being in one pose if the ratio `|sum B_i| / |sum s_i|` (see the module's documentation) is
-/// at least this value. In random poses, 1 in 200 groups of 5 surfaces and 1 in 12 groups of 3 surfaces exceed it.
+/// at least this value. In random poses, 1 in 200 groups of 5 surfaces and 1 in 12 groups of 3 surfaces exceed this
+/// value.
 const LEAST: f64 = 0.75;
 
 /// Warning that surfaces aren't in the same pose.

@@ -74,7 +74,7 @@ pub enum ProcrustesWarning {
         /// Spread of the group. If the surfaces determine the poses, this is the root mean square distance of the
         /// members of one side from the typical member of the other side.
         spread: f64,
-        /// The value that `spread` has after all members whose mirror images fit better have been mirrored.
+        /// Spread after mirroring all members whose mirror images fit better, measured in the same way as `spread`.
         mirrored: f64,
     },
     /// A warning about the alignment of one member to the mean.

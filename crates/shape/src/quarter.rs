@@ -62,7 +62,7 @@ pub(crate) struct Quarter {
     /// Factors `1/sqrt(q)` of the recurrence (see the [module](self)), one for the step from each t to t + 1. Factors
     /// from t = l on are zero and pad the array to a multiple of [`BLOCK`].
     pub(crate) first: Vec<f64>,
-    /// Factors `sqrt((l-k-1)(l+k+2)/q)` (see the [module](self)) of the step from t to t + 1. Their number is that of
+    /// Factors `sqrt((l-k-1)(l+k+2)/q)` (see the [module](self)) of the step from t to t + 1. This array is as long as
     /// `first`.
     pub(crate) second: Vec<f64>,
     /// Stored first values `Delta_{i,l}` of the rows i: an array for even i and an array for odd i, each padded with

@@ -9,11 +9,13 @@
 //! ```
 //!
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
-//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton steps with Levenberg's damping. The metric
-//! of the damping is given by the squared lengths of the six directions of rotation. The damping keeps steps short far
-//! from the optimum. The matrix of second derivatives is used instead of the Gauss-Newton matrix, which equals it if g
-//! = Q R f. Convergence is therefore quadratic even if the surfaces differ. If the pose is known ([`Space::Fixed`]),
-//! only R varies.
+//! rotations](crate::derivatives), at a cost of `O(K)`. In the formula, `v x` is the cross product with v, and `w.L` is
+//! the sum of w_k L_k.
+//!
+//! The steps are Newton steps with Levenberg's damping, which keeps steps short far from the optimum. The metric of the
+//! damping consists of the squared norms of the derivatives of R f and Q R f with respect to the six rotation angles.
+//! The matrix of second derivatives is used instead of the Gauss-Newton matrix, so convergence is quadratic even if the
+//! surfaces differ. If g = Q R f, the two matrices are equal. If the pose is known ([`Space::Fixed`]), only R varies.
 
 use spharm_monitor::Monitor;
 

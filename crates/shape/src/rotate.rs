@@ -65,7 +65,7 @@ pub fn rotate_parameters(
     Ok(Coefficients::new(rotated.unwrap_or_default())?)
 }
 
-/// Values of cos(m t) and sin(m t) for each of the rotation's Euler angles, t = al, be and ga.
+/// Values of cos(m t) and sin(m t) for each of the rotation's Euler angles, t = `al`, `be` and `ga`.
 #[derive(Debug)]
 struct Turns([Vec<[f64; 2]>; 3]);
 

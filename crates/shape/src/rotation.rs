@@ -1,8 +1,8 @@
 //! Rotations of space and of the sphere of parameters.
 //!
-//! A rotation R moves the point u to R u. Euler angles are in radians, `R = Rz(al) Ry(be) Rz(ga)`, with al and ga in
-//! (-pi, pi] and be in [0, pi]: R rotates first about z by ga, then about y by be, then about z by al. A matrix that
-//! includes a reflection is rejected, not corrected, so a [`Rotation`] is never a reflection.
+//! A rotation R moves the point u to R u. Euler angles are in radians, `R = Rz(al) Ry(be) Rz(ga)`, with `al` and `ga`
+//! in (-pi, pi] and `be` in [0, pi]: R rotates first about z by `ga`, then about y by `be`, then about z by `al`. A
+//! matrix that includes a reflection is rejected, not corrected, so a [`Rotation`] is never a reflection.
 
 use std::ops::Mul;
 
@@ -171,15 +171,15 @@ impl Rotation {
         sine.iter().map(|v| v * v).sum::<f64>().sqrt().atan2(r[0][0] + r[1][1] + r[2][2] - 1.0)
     }
 
-    /// Returns the Euler angles al, be, ga, in radians. At be = 0 and pi only al + ga or al - ga is defined; al is 0 if
-    /// the matrix doesn't determine it.
+    /// Returns the Euler angles `al`, `be` and `ga`, in radians. The matrix determines only `al + ga` at `be = 0`, and
+    /// only `al - ga` at `be = pi`. If it doesn't determine `al`, `al` is 0.
     #[must_use]
     pub fn euler(&self) -> [f64; 3] {
         self.turns().map(|turn| turn.sin.value().atan2(turn.cos.value()))
     }
 
-    /// Returns the rotations by the Euler angles al, be and ga. The angle ga is computed from R after removing Rz(al),
-    /// so the product of the three rotations equals R to rounding error, even if be is tiny.
+    /// Returns the rotations by the Euler angles `al`, `be` and `ga`. The angle `ga` is computed from R after removing
+    /// `Rz(al)`, so the product of the three rotations equals R to rounding error, even if `be` is tiny.
     pub(crate) fn turns(&self) -> [Turn; 3] {
         let exact = self.matrix.map(|row| row.map(Number::new));
         let alpha = Turn::of(exact[0][2], exact[1][2]);

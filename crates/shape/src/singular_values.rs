@@ -3,7 +3,7 @@
 //! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal. The lengths of the
 //! resulting columns are the singular values. Small singular values keep full accuracy, unlike the square roots of the
 //! eigenvalues of `A^T A`, which lose half of the digits (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13
-//! (1992)). Cost: about 6 n c^2 flops per sweep; three columns take 4 to 6 sweeps.
+//! (1992)). Cost for a matrix (n, c): about 6 n c^2 flops per sweep; three columns take 4 to 6 sweeps.
 
 use ndarray::ArrayView2;
 

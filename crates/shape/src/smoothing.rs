@@ -13,8 +13,8 @@ use crate::heat::HeatKernel;
 
 /// Name of the provenance field that stores the penalty of a fit if the settings of the fit are omitted.
 const PENALTY: &str = "fit_penalty";
-/// Two times of diffusion are treated as equal if their relative difference is at most this value, because they are
-/// sums with rounding errors.
+/// Diffusion times are treated as equal if their relative difference is at most this value, because each time is a sum
+/// with rounding errors.
 const ROUNDING: f64 = 1e-9;
 /// Maximum number of kinds of smoothing that a message lists.
 const LISTED: usize = 5;
@@ -38,7 +38,7 @@ pub enum Penalty {
 pub struct Smoothing {
     /// The penalty of the fit.
     pub penalty: Penalty,
-    /// Total time of diffusion of the heat kernels that were applied to the model; 0 for none.
+    /// Sum of the diffusion times of the heat kernels that were applied to the model; 0 for none.
     pub time: f64,
 }
 

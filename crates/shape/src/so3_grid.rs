@@ -1,16 +1,16 @@
 //! Computes the correlations of two surfaces at all rotations of a grid.
 //!
-//! The correlation `M_ij(R) = <g_i, R f_j>` is a 3 x 3 matrix for each R = Rz(al) Ry(be) Rz(ga). It is computed from
+//! The correlation `M_ij(R) = <g_i, R f_j>` is a 3 x 3 matrix for each `R = Rz(al) Ry(be) Rz(ga)`. It is computed from
 //! the degrees 1 to B - 1, by the method of P. Kostelec and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal.
-//! Appl. 14 (2008). For each be
+//! Appl. 14 (2008). For each value of `be`
 //!
 //! ```text
 //! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),  M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
 //! d^l_mm'(be) = sum over k of cos((m - m') pi/2 - k be) Delta_km Delta_km'
 //! ```
 //!
-//! with complex coefficients in the Condon-Shortley phase. The grid has 2B equally spaced values of al and of ga,
-//! starting at 0, and the B values `(k + 1/2) pi/B` of be. Cost: `O(B^4)` for the nine sums and `O(B^3 log B)` for
+//! with complex coefficients in the Condon-Shortley phase. The grid has 2B equally spaced values of `al` and of `ga`,
+//! starting at 0, and the B values `(k + 1/2) pi/B` of `be`. Cost: `O(B^4)` for the nine sums and `O(B^3 log B)` for
 //! their Fourier transforms. Memory: `32/3 B^4` bytes for the table of d, and `400 B^2` bytes in each thread.
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
@@ -93,7 +93,7 @@ impl So3Grid {
         let mut peaks: Vec<Peak> = Vec::new();
         for (score, at) in found {
             let rotation = self.rotation(at);
-            // Near be = 0 and be = pi, many points of the grid are nearly the same rotation.
+            // Near `be = 0` and `be = pi`, many points of the grid are nearly the same rotation.
             if peaks.iter().all(|peak| (peak.rotation.inverse() * rotation).angle() > near) {
                 peaks.push(Peak { rotation, score });
             }
@@ -104,14 +104,14 @@ impl So3Grid {
         peaks
     }
 
-    /// Returns the rotation of a grid point, given the indices of its Euler angles al, be and ga.
+    /// Returns the rotation of a grid point, given the indices of its Euler angles `al`, `be` and `ga`.
     fn rotation(&self, [a, b, c]: [usize; 3]) -> Rotation {
         let step = PI / self.bandwidth as f64;
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// Returns the correlations M at the grid points whose Euler angle be has the index `at`, as a row-major array over
-    /// the Euler angles (ga, al).
+    /// Returns the correlations M at the grid points whose Euler angle `be` has the index `at`, as a row-major array
+    /// over the Euler angles (`ga`, `al`).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];

@@ -187,16 +187,16 @@ pub enum TestWarning {
     UnequalVariances {
         /// Name of the group with the larger variance.
         wide: String,
-        /// Number of subjects in the group.
+        /// Number of subjects in the group with the larger variance.
         wide_subjects: usize,
         /// Name of the group with the smaller variance.
         narrow: String,
-        /// Number of subjects in the group.
+        /// Number of subjects in the group with the smaller variance.
         narrow_subjects: usize,
         /// Larger variance divided by the smaller one, both summed over all vertices.
         ratio: f64,
-        /// Test that allows unequal variances. `None` for values of several components in a design other than that of
-        /// two groups, for which there is no such test.
+        /// Test that allows unequal variances. `None` if there is no such test, because the values have several
+        /// components and the design doesn't consist of two groups.
         remedy: Option<Remedy>,
     },
     /// Two levels of a column differ only in case or in surrounding spaces.

@@ -15,11 +15,12 @@
 //! measured in the given pose, after a small rigid motion by nearest points, and in the best of all
 //! [poses](mod@spharm_surface::pose). If the best pose reduces the distance by more than [`GAIN`], the member's pose is
 //! wrong. The distances of six of the ten vertebrae fall by 36 to 69 %. The distances of hippocampi and generated
-//! bodies in correct poses fall by at most 9 %. A second check concerns the correspondence. If the members' distance
-//! from the mean at equal directions exceeds the distance between the surfaces by a factor above [`FAR`], equal
-//! directions don't correspond. The group's variance is then mostly variance of the maps to the sphere. Because the
-//! mean may not resemble any member, distances from the typical member are checked in the same way, with the factor
-//! [`FAR_FROM_A_MEMBER`].
+//! bodies in correct poses fall by at most 9 %.
+//!
+//! A second check concerns the correspondence. If the members' distance from the mean at equal directions exceeds the
+//! distance between the surfaces by a factor above [`FAR`], equal directions don't correspond. The group's variance is
+//! then mostly variance of the maps to the sphere. Because the mean may not resemble any member, distances from the
+//! typical member are checked in the same way, with the factor [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: about 70 ms per member, on two threads. Memory: 2 MB per thread.
 

@@ -4,9 +4,9 @@
 //! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
 //! the members are ranked by the sum of their distances from the other members after one alignment. The templates are
 //! the medoid, whose sum is smallest, and four more members at evenly spaced ranks. In groups of more than 500 members,
-//! distances are measured only to a part of the members: to every second member, every third member, and so on. Before
-//! distances are measured, all members are aligned to the first member, so the choice of templates depends on the order
-//! of the members.
+//! distances are measured only to every second member, in groups of more than 1,000 members only to every third member,
+//! and so on. Before distances are measured, all members are aligned to the first member, so the choice of templates
+//! depends on the order of the members.
 
 use rayon::prelude::*;
 

@@ -1,9 +1,10 @@
 //! Finds members of a group whose lengths seem to be in another unit than the lengths of the others.
 //!
-//! The size of a member is its root mean square radius: the norm of its coefficients without row 0, divided by `sqrt(4
-//! pi)`. A member is reported under two conditions. The quotient of its size and the median size must be near the ratio
-//! of two common units. The absolute value of the quotient's logarithm must be above [`FAR`] times the group's spread.
-//! The spread is 1.4826 times the median of these absolute values over all members.
+//! The size of a member is its root mean square radius: the norm of its coefficients without row 0, divided by
+//! `sqrt(4 pi)`. Let the quotient of a member be its size divided by the median size. A member is reported if two
+//! conditions hold. First, its quotient is near the ratio of two common units. Second, the absolute value of the
+//! quotient's logarithm is above [`FAR`] times the group's spread. The spread is 1.4826 times the median of these
+//! absolute values over all members.
 
 use std::fmt;
 

@@ -1,11 +1,11 @@
 //! Gram matrices of samplings, computed tile by tile from moments or from other sources.
 //!
 //! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. From the moments of the sampling,
-//! `spharm_transform::MomentGram` computes the same matrix in a time that doesn't depend on n. The error is then 1e-13,
-//! which is the accuracy of the finest transform. In a first pass of iterative residual fitting, this error changes the
-//! mean squared distance by a relative amount of the order of 1e-10. At L = 100, the change is 5e-10 on a cortex and
-//! 6e-10 on an irregular head. Further passes correct the change, because the residual is computed exactly even if a
-//! step is slightly inaccurate.
+//! `spharm_transform::MomentGram` computes the same matrix in a time that doesn't depend on n. The relative error is
+//! then 1e-13, which is the accuracy of the finest transform. In a first pass of iterative residual fitting, this error
+//! changes the mean squared distance by a relative amount of the order of 1e-10. At L = 100, the change is 5e-10 on a
+//! cortex and 6e-10 on an irregular head. Further passes correct the change, because the residual is computed exactly
+//! even if a step is slightly inaccurate.
 //!
 //! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from these
 //! harmonics by 6e-8, so that the solution of a block would be inexact. Therefore moments are only used with f64 bases.

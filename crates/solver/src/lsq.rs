@@ -108,7 +108,7 @@ mod why;
 
 pub use cg::Stop;
 #[cfg(feature = "dense")]
-pub use cost::moments_pay;
+pub use cost::{moment_accuracy, moments_pay};
 pub use denoise::{Denoise, NoisePower};
 pub use gcv::{Gcv, GcvTerms, PROBES, choose_smoothness_by, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]

@@ -29,7 +29,7 @@ pub(crate) const MOST_COLUMNS: usize = 96;
 pub(crate) const MOST_TOGETHER: usize = 128;
 
 /// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each sweep
-/// multiplies the remaining rounding error by eps times the condition number.
+/// multiplies the remaining rounding error by the machine epsilon times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
 /// Default smoothness penalty over a sphere made by parametrisation: the penalty at the highest degree, relative to

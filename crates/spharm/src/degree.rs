@@ -112,8 +112,8 @@ const MOST: usize = 256;
 /// The first degree tried.
 const FIRST: usize = 16;
 
-/// If no degree is accurate enough, a model with this resolution is used, in edge lengths of the mesh. A finer model
-/// would follow the mesh's facets.
+/// If no degree is accurate enough, the degree is chosen whose resolution is this number of edge lengths of the mesh. A
+/// finer model would follow the mesh's facets.
 const EDGES: f64 = 1.5;
 
 /// Returns the lowest degree with which the model of a surface is as accurate as requested. The surface is mapped to a

@@ -26,7 +26,8 @@ pub struct FactorSettings {
     pub basis_scalar: Scalar,
     /// Scalar type of the factor.
     pub scalar: Scalar,
-    /// Smoothness penalty lambda: adds `lambda sum (l (l + 1))^2 |c|^2` to the squared distances; 0 or more.
+    /// Smoothness penalty lambda, 0 or more: adds `lambda sum (l (l + 1))^2 a_lm^2` over the coefficients a_lm to the
+    /// squared distances.
     pub smoothness: f64,
     /// Memory budget in bytes.
     pub memory: usize,

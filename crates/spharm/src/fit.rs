@@ -16,6 +16,7 @@ mod quadrature;
 mod range;
 mod seam;
 mod shared;
+mod stored_factor;
 mod surface;
 mod surface_plan;
 mod surface_sums;

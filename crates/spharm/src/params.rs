@@ -113,7 +113,8 @@ impl Method {
     }
 }
 
-/// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
+/// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a_lm^2` over the coefficients a_lm,
+/// added to the squared distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothness {
     /// Applies no penalty to fits of surfaces or to fits of vertices over a given sphere. Applies
@@ -194,8 +195,7 @@ impl FromStr for Preconditioner {
     }
 }
 
-/// Settings of a fit, created by [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with one
-/// field changed.
+/// Settings of a fit, created by [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the changed settings.
 ///
 /// ```
 /// use spharm::{FitParams, Objective, Smoothness};
@@ -287,7 +287,7 @@ impl FitParams {
     }
 
     /// Returns the settings with weight 0 at the sphere's vertices for which `keep` is false. In the provenance, the
-    /// new weights are named `mask`, after the name of any previous weights.
+    /// new weights are named `mask` if the previous weights are uniform, else `NAME, mask` with the previous name.
     ///
     /// # Errors
     ///

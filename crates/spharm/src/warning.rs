@@ -17,8 +17,8 @@ const POOR: f64 = 3.0;
 const LARGEST_NOISE: f64 = 10.0;
 /// The signal of degree 1 is clearly above the noise if denoising multiplies it by at least this gain.
 const CLEAR_GAIN: f64 = 0.9;
-/// A warning is given if the largest weight exceeds this multiple of the sum of all weights except the `functions - 1`
-/// largest. At such a ratio the fit loses more than half of its digits.
+/// A warning is given if the largest weight exceeds this multiple of the sum of all weights except the K - 1 largest,
+/// with K the number of coefficients of a channel. At such a ratio the fit loses more than half of its digits.
 const LARGEST_WEIGHT: f64 = 1e8;
 /// A warning is given if the last pass removes more than this share of the residual's rms.
 const STILL_FALLING: f64 = 0.1;

@@ -146,7 +146,7 @@ pub enum StoreError {
         found: SchemeKey,
         /// Number of directions.
         rows: usize,
-        /// Largest difference of the directions' coordinates.
+        /// Largest difference between the coordinates of the two schemes' directions.
         difference: f64,
     },
     /// The store has the basis at these directions only with values of another scalar type.

@@ -3,8 +3,8 @@
 //!
 //! | | Unix | Windows |
 //! |---|---|---|
-//! | a file changes while it is read | found afterwards, by its size and time | refused by the system |
-//! | a page of a mapped file is missing | found afterwards (`FaultGuard`) | ends the process |
+//! | a file changes while it is read | detected afterwards, by its size and modification time | refused by the system |
+//! | a page of a mapped file is missing | detected afterwards (`FaultGuard`) | ends the process |
 //! | flushing a folder to disk | `fsync` | left to the file system's journal |
 //! | permissions of new files | limited by the umask | inherited from the folder |
 

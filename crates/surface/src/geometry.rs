@@ -93,8 +93,9 @@ pub fn diagonal((low, high): (Vec3, Vec3)) -> f64 {
 /// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
 /// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
 ///
-/// The corners are unit vectors. The determinant is computed from edges, as `a . ((b - a) x (c - a))`. A determinant
-/// computed from the corners themselves would lose all digits in triangles with edges of 1e-8 rad.
+/// The corners are unit vectors. The area depends on their determinant, which is computed from the triangle's edges, as
+/// `a . ((b - a) x (c - a))`. A determinant computed from the corners themselves would lose all digits in triangles
+/// with edges of 1e-8 rad.
 #[must_use]
 #[inline]
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {

@@ -1,9 +1,10 @@
 //! Computes singular values of 3 x 3 matrices, and the rotation that best fits two sets of vectors.
 //!
 //! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976): for pairs of
-//! vectors `f_i` and `g_i`, let `M = sum g_i f_i^T` have the singular value decomposition `M = U S V^T`, and let d =
-//! det(U V^T). Among all rotations Q, `tr Q^T M` is largest for `Q = U diag(1, 1, d) V^T`, with the value `s_1 + s_2 +
-//! d s_3`. d is the sign of det M. If reflections are allowed, too, the trace is largest for `Q = U V^T`.
+//! vectors `f_i` and `g_i`, let `M = sum g_i f_i^T` have the singular value decomposition `M = U S V^T` with singular
+//! values s_1 >= s_2 >= s_3, and let d = det(U V^T). Among all rotations Q, `tr Q^T M` is largest for `Q = U diag(1, 1,
+//! d) V^T`, with the value `s_1 + s_2 + d s_3`. d is the sign of det M. If reflections are allowed, too, the trace is
+//! largest for `Q = U V^T`.
 //!
 //! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for rounding accuracy,
 //! and small singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13,

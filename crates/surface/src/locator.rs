@@ -266,8 +266,8 @@ fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
     let [a, b, c] = *corners;
     let square = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v));
     let longest = square(a, b).max(square(b, c)).max(square(c, a));
-    // A point p of the flat triangle with corners v_i, weights w_i and longest edge e satisfies |p|^2 = 1 - sum w_i
-    // w_j |v_i - v_j|^2 >= 1 - e^2 / 3. 1e-15 is added for rounding.
+    // A point p of the flat triangle with corners v_i, weights w_i and longest edge e satisfies |p|^2 = 1 - sum w_i w_j
+    // |v_i - v_j|^2 >= 1 - e^2 / 3, with the sum over the three pairs i < j. 1e-15 is added for rounding.
     let bulge = 1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + 1e-15;
     let (low, high) = bounds(corners.iter().copied());
     Aabb::new(Vector::from(low.map(|x| x - bulge)), Vector::from(high.map(|x| x + bulge)))

@@ -38,8 +38,8 @@ use self::cut::Cut;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale};
 
-/// Size of the cells for models of degree L, multiplied by L. docs/algorithms/least-squares.md gives the resulting
-/// error.
+/// Size of the cells for models of degree L, in radians, multiplied by L. docs/algorithms/least-squares.md gives the
+/// resulting error.
 const CELLS_OF_DEGREE: f64 = 3.0;
 
 /// Number of triangles per parallel task.
@@ -65,7 +65,7 @@ pub struct SphereSamples {
 }
 
 impl SphereSampling {
-    /// Divides a sphere's triangles for models of degree L (`max_degree`), into cells of size 3 / L.
+    /// Divides a sphere's triangles for models of degree L (`max_degree`), into cells no larger than 3 / L radians.
     ///
     /// # Errors
     ///

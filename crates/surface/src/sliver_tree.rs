@@ -3,13 +3,13 @@
 //! Axis-aligned boxes of long thin triangles are about as large in all directions as the triangles are long. If the
 //! triangles share a pole, nearly all their boxes overlap, so a search in a tree of such boxes visits a large part of
 //! all triangles. Boxes rotated to the orientation of their triangles are as thin as the triangles. In a fan of radius
-//! 1, a point at distance r from the pole lies in the boxes of 1 / r leaves: two on average over the area, for any
-//! number of triangles.
+//! 1, a point at distance r from the pole lies in the boxes of 1 / r leaves. The average over the fan's area is two
+//! leaves, for any number of triangles.
 //!
 //! Each node has the box of its triangles in the frame (longest edge, normal) of one of the triangles, or the
 //! axis-aligned box if that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for
 //! rapid interference detection", SIGGRAPH 1996, with a triangle's frame instead of a covariance). The tree is built in
-//! O(n log n) and takes 150 bytes per triangle.
+//! O(n log n) time and takes 150 bytes per triangle.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

@@ -5,12 +5,12 @@
 //! sides `A^T W f` to degree L; and a few scalars. Sums over parts of the data can be added, and take less memory than
 //! the data.
 //!
-//! The cost of adding a sample is that of spreading it to the oversampled grids of two [adjoint
-//! syntheses](crate::Transform::adjoint_synthesis): w to the grid of degree 2L, and w f to the grid of degree L. The
-//! grids are converted to coefficients once, at the end. The second grid consists of every second point of the first in
-//! either direction, so that samples are placed and sorted once for both grids. Samples are gathered in *blocks* that
-//! fit in the cache, and each block is sorted by strip of the grids. Once enough samples have been gathered, all
-//! samples of a strip are spread together.
+//! Adding a sample costs as much as spreading it to the oversampled grids of two [adjoint
+//! syntheses](crate::Transform::adjoint_synthesis): the weight w to the grid of degree 2L, and the product w f to the
+//! grid of degree L. The grids are converted to coefficients once, at the end. The second grid consists of every second
+//! point of the first in either direction, so that samples are placed and sorted once for both grids. Samples are
+//! gathered in *blocks* that fit in the cache, and each block is sorted by strip of the grids. Once enough samples have
+//! been gathered, all samples of a strip are spread together.
 //!
 //! Memory: the grids take `4 M^2 + c M^2` bytes for c channels and a fine grid of M points around the sphere, with M
 //! from 2.4 to 5.6 times 2L. Up to 8 million samples are held, with `32 + 8 c` bytes each. At the end, spectra take

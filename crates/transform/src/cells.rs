@@ -1,10 +1,10 @@
 //! Computes the grid cells that contain directions.
 //!
-//! Rows are colatitudes, columns azimuths. Colatitudes and azimuths are angles `atan2(y, x)`, on a grid whose number of
-//! points around the sphere is a multiple of 8. An angle is measured from the nearest multiple of `pi / 4`, which is a
-//! whole number of cells. The measured angle is at most `pi / 8`, so its rounding error is a sixteenth of the rounding
-//! error of an angle near 2 pi. This matters at high degrees. Eight directions are processed at a time, whereas a call
-//! of the library's `atan` processes only one direction.
+//! Rows are colatitudes, and columns are azimuths. Both are computed as angles `atan2(y, x)`; for a colatitude, y is
+//! its sine and x its cosine. The grid's number of points around the sphere is a multiple of 8. An angle is measured
+//! from the nearest multiple of `pi / 4`, which is a whole number of cells. The measured angle is at most `pi / 8`, so
+//! its rounding error is a sixteenth of the rounding error of an angle near 2 pi. This matters at high degrees. Eight
+//! directions are processed at a time, whereas a call of the library's `atan` processes only one direction.
 
 use std::f64::consts::TAU;
 
@@ -20,8 +20,9 @@ const LANES: usize = 8;
 /// `tan(pi / 8)`.
 const TAN_EIGHTH: f64 = 0.414_213_562_373_095_03;
 
-/// Coefficients, by falling power, of a polynomial in `t^2` for `(atan(t) / t - 1) / t^2` on `[0, tan(pi / 8)^2]`,
-/// computed by interpolation at Chebyshev nodes in 60 digits. The relative error of atan is then 5e-18 before rounding.
+/// Coefficients, from the highest power to the lowest, of a polynomial in `t^2` that approximates
+/// `(atan(t) / t - 1) / t^2` on `[0, tan(pi / 8)^2]`, computed by interpolation at Chebyshev nodes in 60 digits. The
+/// relative error of atan is then 5e-18 before rounding.
 const ATAN: [f64; 11] = [
     -0.019175404711104935,
     0.03923044778479309,

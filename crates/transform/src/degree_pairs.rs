@@ -1,8 +1,8 @@
-//! Evaluates the Legendre recurrence over pairs of degrees, with one value for two degrees.
+//! Evaluates the Legendre recurrence over pairs of degrees, so that one value serves two degrees.
 //!
-//! If `z` isn't near zero, the functions of odd `k = l - m` are z times polynomials t in `z^2`, and each function of
-//! even k is a linear combination of two successive polynomials t. With the values r and alpha of
-//! [`legendre`](crate::legendre), `A_k = alpha_{m+k}`,
+//! Let r and alpha be the values of [`legendre`](crate::legendre) for order m, `k = l - m` and `A_k = alpha_{m+k}`. The
+//! values `r_{m+k}` of odd k are z times polynomials t in `z^2`, and each value of even k is a linear combination of
+//! two successive polynomials t:
 //!
 //! ```text
 //! r_{m+2j+1} = z sigma_j t_j,   r_{m+2j} = (sigma_j t_j + sigma_{j-1} t_{j-1}) / A_{2j+1},   t_0 = r_m
@@ -11,18 +11,20 @@
 //! sigma_0 = sigma_1 = 1,   sigma_{j+1} = sigma_{j-1} A_{2j+3} / A_{2j+1}
 //! ```
 //!
-//! so that sums over degrees are sums of t with mixed coefficients,
+//! Sums over degrees with coefficients `x_k` are therefore sums of t with mixed coefficients:
 //!
 //! ```text
 //! sum_k x_k r_{m+k} = sum_j t_j sigma_j (x_{2j} / A_{2j+1} + x_{2j+2} / A_{2j+3})  +  z sum_j t_j sigma_j x_{2j+1}
 //! ```
 //!
-//! A value costs two fused products for two degrees, whereas r costs a product and a fused product for each degree.
-//! This saves a quarter of the time for the Legendre sums of one channel. K. Ishioka, "A new recurrence formula for
-//! efficient computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
+//! A value `t_j` costs two fused products and serves two degrees, whereas a value of r costs a product and a fused
+//! product and serves one degree. This saves a quarter of the time for the Legendre sums of one channel. K. Ishioka, "A
+//! new recurrence formula for efficient computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96
+//! (2018).
 //!
-//! Next to the equator the two neighbours nearly cancel, and rounding errors grow like `1 / z`, as they grow like `1 /
-//! sin theta` next to the poles. Rings next to the equator are therefore computed one degree at a time.
+//! Next to the equator, where z is near zero, the two terms of `r_{m+2j}` nearly cancel, and rounding errors grow like
+//! `1 / z`, as they grow like `1 / sin theta` next to the poles. Rings next to the equator are therefore computed one
+//! degree at a time.
 
 use rayon::prelude::*;
 use spharm_harmonics::double_double::DoubleDouble;
@@ -94,7 +96,7 @@ impl DegreePairs {
         }
     }
 
-    /// Adds the transpose of [`mix`](Self::mix) to x.
+    /// Applies the transpose of [`mix`](Self::mix) to `mixed`, and adds the result to `x`.
     pub(crate) fn unmix(&self, m: usize, mixed: &[f64], columns: usize, x: &mut [f64]) {
         let Order { mixing, .. } = &self.orders[m];
         for ((j, factors), mixed) in mixing.iter().enumerate().zip(mixed.chunks_exact(2 * columns)) {

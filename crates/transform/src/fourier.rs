@@ -1,14 +1,16 @@
 //! Fourier transforms from rings to the oversampled grid and back: along colatitude, then along azimuth.
 //!
-//! For order m, `Z_m = F_m^cos + i F_m^sin`, continued over the poles by `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
+//! Let `F_m^cos` and `F_m^sin` be the Legendre sums of order m for cosine and sine, see [`legendre`](crate::legendre).
+//! The function `Z_m = F_m^cos + i F_m^sin`, continued over the poles by `Z_m(-theta) = (-1)^m Z_m(theta)`, is a
 //! trigonometric polynomial of degree L in theta. Its samples on N rings, `theta_j = (j + 1/2) pi / N`, determine its
 //! spectrum. The spectrum is divided by the spectrum of the kernel, and summed on the finer grid of M points around the
 //! sphere. Even orders have an even spectrum, and odd orders have an odd spectrum. Therefore an even and an odd order
 //! are added before a complex transform, and separated by symmetry afterwards. Two orders of a channel take one
 //! transform of length 2 N and one transform of length M.
 //!
-//! Along azimuth, `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a Fourier transform from complex to real numbers.
-//! The coefficients have already been divided by the kernel's transform in m.
+//! Along azimuth, the function `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a Fourier transform from complex to
+//! real numbers. The coefficients of order m have already been divided by the transform `p_m` of the
+//! [kernel](crate::kernel).
 //!
 //! Cost per channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
 

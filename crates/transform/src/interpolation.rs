@@ -1,8 +1,9 @@
 //! Interpolation from the grid to the directions, and spreading from the directions to the grid.
 //!
-//! Per channel, a direction costs `w^2` fused products. In addition, each direction costs two Horner schemes of about
-//! `w + 4` steps over w lanes, which all channels share. Interpolation reads `8 w^2` bytes per channel and direction,
-//! and spreading reads and writes as many. These bytes are in the L1 cache, because the directions are sorted.
+//! A kernel covers w by w grid points. Per channel, a direction costs `w^2` fused products. In addition, each direction
+//! costs two Horner schemes of about `w + 4` steps over w lanes, which all channels share. Interpolation reads `8 w^2`
+//! bytes per channel and direction, and spreading reads and writes as many. These bytes are in the L1 cache, because
+//! the directions are sorted.
 
 use std::ops::Range;
 

@@ -34,7 +34,8 @@ pub(crate) struct Kernel {
     /// `width` rounded up to a multiple of four: 4, 8, 12 or 16.
     pub(crate) padded: usize,
     beta: f64,
-    /// Polynomial coefficients by falling power; lane k is the piece over the k-th grid point under the kernel.
+    /// Polynomial coefficients, from the highest power to the lowest; lane k contains the piece over the k-th grid
+    /// point under the kernel.
     coefficients: Vec<[f64; MAX_WIDTH]>,
 }
 
@@ -192,7 +193,7 @@ fn bessel_ratio(beta: f64, square: f64) -> f64 {
     sum * (-beta).exp()
 }
 
-/// Converts Chebyshev coefficients to monomial coefficients by rising power.
+/// Converts Chebyshev coefficients to monomial coefficients, from the lowest power to the highest.
 fn monomials(chebyshev: &[f64]) -> Vec<f64> {
     let count = chebyshev.len();
     let mut result = vec![0.0; count];

@@ -20,7 +20,8 @@
 //! of degrees](crate::degree_pairs) on most rings, at half that cost. Next to the equator, degrees are processed one at
 //! a time. Next to the poles, values are computed in [double-double](crate::polar_rings).
 //!
-//! Rings so close to a pole that `u` makes all `P_{l,m}` of an order negligible are skipped (`first_ring`).
+//! Close to a pole, the factor `u^m` makes all `P_{l,m}` of a high order m negligible. Sums of order m skip the rings
+//! on which this is the case (`first_ring`).
 
 use std::ops::Range;
 
@@ -377,8 +378,8 @@ impl Work {
     }
 }
 
-/// Returns a bound on `-ln P_{l,m}`, l <= L, at colatitude `acos z`: the WKB action across the classically forbidden
-/// zone `sin theta < m / L`; zero outside that zone.
+/// Returns a lower bound on `-ln P_{l,m}`, l <= L, at colatitude `acos z`: the WKB action across the classically
+/// forbidden zone `sin theta < m / L`; zero outside that zone.
 fn decay(m: usize, max_degree: usize, z: f64) -> f64 {
     let (m, l) = (m as f64, max_degree as f64 + 0.5);
     let k = m / l;

@@ -1,8 +1,9 @@
 //! Computes sums over samples that are linear in values at nodes, as samples of a surface are linear in the values at
 //! its vertices.
 //!
-//! A sample in a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of
-//! a least-squares fit are then linear in X as well:
+//! Sample i lies in a triangle, and has the value `f_i = sum_k lambda_ik X_{v_ik}`, where `lambda_ik` are its
+//! barycentric coordinates and X the values at the triangle's three corners `v_ik`. With the sample's weight `w_i` and
+//! the harmonics `S(x_i)` at its direction, the right-hand sides of a least-squares fit are linear in X as well:
 //!
 //! ```text
 //! A^T W f = sum_v X_v h_v,   h_v = sum_i w_i lambda_iv S(x_i)
@@ -10,17 +11,18 @@
 //!
 //! On the oversampled grid of an [adjoint synthesis](crate::Transform::adjoint_synthesis) `h_v` is a *patch*: the sum
 //! of the kernels of the samples around a node, which covers a few grid points more than a single kernel. With three
-//! samples per triangle, a node has 18 kernels but only one patch. Therefore spreading values at nodes takes a quarter
-//! of the products needed for spreading samples. The samples' values are never computed. Patches don't depend on the
-//! values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Without this call, patches are
-//! computed when they are added to the grid, and then discarded. The results are bit-identical in both cases, and
-//! depend neither on other channels nor on the number of threads.
+//! samples per triangle, a node with six triangles has 18 kernels but only one patch. Therefore spreading values at
+//! nodes takes a quarter of the products needed for spreading samples. The samples' values are never computed. Patches
+//! don't depend on the values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Without this
+//! call, patches are computed when they are added to the grid, and then discarded. The results are bit-identical in
+//! both cases, and depend neither on other channels nor on the number of threads.
 //!
 //! # Cost
 //!
 //! Each channel costs a fused product for each value of a patch. A patch has about 400 values if the node's triangles
-//! are smaller than the kernel. Computing patches takes `3 w^2` products per sample. Memory: 48 bytes per sample and
-//! 120 per triangle, 8 bytes for each value of a patch that is kept, and a grid.
+//! are smaller than the kernel. With kernels of w by w grid points, computing patches takes `3 w^2` products per
+//! sample. Memory: 48 bytes per sample and 120 per triangle, 8 bytes for each value of a patch that is kept, and a
+//! grid.
 
 mod incidence;
 mod kernels;

@@ -2,8 +2,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// A pool of values for reuse. The pool contains as many values as were in use at the same time. Reuse is faster than
-/// allocation, because the first access to a page of memory costs more than writing to the page.
+/// A pool of values for reuse. The number of values in the pool is the largest number that has been in use at the same
+/// time. Reuse is faster than allocation, because the first access to a page of memory costs more than writing to the
+/// page.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 

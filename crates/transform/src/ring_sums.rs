@@ -198,7 +198,7 @@ fn projections_to<const C: usize, const FMA: bool>(
     let mut k = rows.first;
     while k < rows.end {
         let twin = k + rows.step;
-        // Two rows are processed together, so that each value of h is loaded once for both rows.
+        // Two rows are processed together, so that each value of the columns `h` is loaded once for both rows.
         if WIDE && twin < rows.end {
             let [first, second] = projections::<C, FMA, 2>(rows.table, [k, twin], rings, h);
             add(&mut x[k * stride..], first);

@@ -142,7 +142,7 @@ fn added(
         same_file || member.report.same_surface(&found.report)
     };
     let same = existing.iter().find(is_same).map(|member| format!("{IDENTICAL_TO}{}", member.name));
-    // These warnings don't contain the name of another member: only warnings about equal members of a new group do.
+    // No name of another member is needed here: only warnings about equal members of a new group contain such a name.
     let others = found.warnings.iter().map(|of| of.of_member(|_| String::new()));
     let of_member: Vec<String> = same.into_iter().chain(others).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();

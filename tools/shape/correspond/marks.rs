@@ -80,8 +80,8 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
 }
 
-/// Returns the error about a landmark that is too far from its surface to guide, with the landmark's name. Returns
-/// `None` if `error` has another cause.
+/// Returns the error about a landmark that is too far from its surface to guide the registration. The returned error
+/// states the surface's path and the landmark's name. Returns `None` if `error` has another cause.
 pub(super) fn far(error: &spharm::Error, names: &[String], surfaces: &[Surface]) -> Option<Error> {
     let spharm::Error::Member { index, source } = error else { return None };
     let spharm::Error::FarGuide(far) = &**source else { return None };

@@ -263,13 +263,15 @@ pub(in crate::shape) fn plan(
 }
 
 /// Returns the memory needed, in bytes:
-/// - for each member held, several copies of its places and coefficients;
-/// - for each thread, a surface with its search trees and the work of a registration;
+/// - for each member in memory, several copies of its corresponding points and coefficients;
+/// - for each thread, a surface with its search trees, and the arrays of a registration;
 /// - for each existing member with which new members are compared, two copies of its values, with six channels;
-/// - for the template, its kernels of 200 columns each and the factor of its thin plate, or the memory of mapping it if
-///   that is larger.
+/// - for the template, its kernels of 200 columns each and the factor of its thin plate.
 ///
-/// A mesh of n vertices is a file of at least 20 n bytes, and takes 60 n bytes to read.
+/// In a new group, the template is also mapped to the sphere. If the mapping needs more memory than the registrations,
+/// the memory of the mapping replaces theirs.
+///
+/// The file of a mesh with v vertices has at least 20 v bytes. Reading this mesh takes 60 v bytes of memory.
 fn needed(count: u64, largest: u64, params: &CorrespondParams, compared: Option<usize>, threads: u64) -> u64 {
     let [n, _] = icosphere_counts(params.subdivisions());
     let (degree, whole) = (params.max_degree as u64, compared.is_none());

@@ -154,8 +154,8 @@ pub(crate) struct Cli {
     /// table, and a warning is given.
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
-    /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more
-    /// than two levels
+    /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or their G if
+    /// several contrasts are tested together
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "welch", help_heading = METHOD)]
     pub(super) variance_groups: Option<String>,
     /// Assumption about the errors, on which the relabellings rest: exchangeable (subjects are exchanged), symmetric

@@ -22,7 +22,7 @@ pub(super) struct Measures {
     names: Vec<String>,
     /// Units, as [`unit`] returns them.
     units: Vec<&'static str>,
-    /// Values, (subjects, measures).
+    /// Values of the measures, an array (subjects, measures).
     values: Array2<f64>,
 }
 

@@ -23,8 +23,8 @@ pub(super) struct SubjectsDiffer {
 impl SubjectsDiffer {
     /// Compares the two names of each pair, without the parts that state the side. A pair joins different subjects if
     /// its two names differ, and one of these names also occurs on the other side of another pair. File names that
-    /// aren't unique are compared together with the names of their folders. If this doesn't make them unique, they are
-    /// compared with the parts that state the side.
+    /// aren't unique are compared together with the names of their folders. If the names aren't unique with their
+    /// folders either, the file names alone are compared, including the parts that state the side.
     pub(super) fn of(first: &[PathBuf], second: &[PathBuf]) -> Option<Self> {
         let unique = |names: &[String]| names.iter().collect::<HashSet<_>>().len() == names.len();
         let named = |parts: usize| [first, second].map(|paths| subjects(paths, parts));

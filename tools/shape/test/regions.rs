@@ -63,8 +63,8 @@ fn significant(clusters: &Clusters, level: f64) -> usize {
     clusters.clusters.iter().filter(|cluster| cluster.p <= level).count()
 }
 
-/// Returns the rows of the printed table. `count` returns a text with the least of given p values and the number of
-/// vertices with p values up to `level`.
+/// Returns the rows of the printed table. `count` takes the p values of the tested vertices, and returns a text with
+/// the smallest p value and the number of vertices whose p values are at most `level`.
 pub(super) fn lines(found: &FamilyWise, level: f64, count: impl Fn(&[f64]) -> String) -> Vec<Vec<String>> {
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = Vec::new();

@@ -17,11 +17,12 @@
 //!
 //! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! Here c_q = A_q / a_q - 1, and a is the mean area. After the minimisation, m_q is increased by rho c_q, and rho is
-//! doubled if the largest |c_q| hasn't halved. A round takes up to five Gauss-Newton steps with Levenberg's damping in
-//! the tangent planes. A step solves a sparse positive definite system with 2 unknowns per vertex and a pattern that is
-//! analysed once (Cholesky). A step is taken only if L decreases. The penalty on angles is finite, so a map with folds
-//! has a finite L and can unfold.
+//! Here a is the mean target area, c_q = A_q / a_q - 1 the relative error of a quadrangle's area, m_q the multiplier of
+//! its constraint, and rho and kappa are the weights of the penalties on areas and on angles. After the minimisation,
+//! m_q is increased by rho c_q, and rho is doubled if the largest |c_q| hasn't halved. A round takes up to five
+//! Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a sparse positive definite system
+//! with 2 unknowns per vertex and a pattern that is analysed once (Cholesky). A step is taken only if L decreases. The
+//! penalty on angles is finite, so a map with folds has a finite L and can unfold.
 //!
 //! # Cost
 //!
@@ -317,8 +318,8 @@ fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// Returns the derivative of a triangle's solid angle, 2 atan (N / D) with N = det (a, b, c) and D = 1 + a b + b c + c
-/// a, with respect to its corners, which lie on the unit sphere.
+/// Returns the derivative of a triangle's solid angle with respect to its corners, which lie on the unit sphere. The
+/// solid angle is 2 atan (N / D), with N = det (a, b, c) and D = 1 + a . b + b . c + c . a.
 fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
     let n = dot(a, cross(sub(b, a), sub(c, a)));
     let d = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);

@@ -2,8 +2,8 @@
 //!
 //! A face of a voxel is a rectangle with sides h and h'. The face's target area on the sphere is 4 pi times its share
 //! of the surface's area. The optimisation minimises the sum over edges of w_ij |x_i - x_j|^2. If all faces are squares
-//! and w_ij = 1, this is the Dirichlet energy of the map; on rectangles the edge of length h needs the weight h' / h.
-//! With these areas and weights, the map doesn't depend on the direction in which voxels are longest. For cubes all
+//! and w_ij = 1, this sum is the Dirichlet energy of the map; on rectangles the edge of length h needs the weight h' /
+//! h. With these areas and weights, the map doesn't depend on the direction in which voxels are longest. For cubes all
 //! weights are exactly 1 and all targets exactly 4 pi / Q, with Q the number of quadrangles.
 
 use std::f64::consts::PI;

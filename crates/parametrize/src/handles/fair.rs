@@ -3,13 +3,13 @@
 //! Two surfaces x(u) over the unit disc u are computed. The rim of the disc is mapped to the seam.
 //!
 //! - *flat*: Laplace(x) = 0 with the seam as boundary values: a soap film, up to its parameterisation. The flat surface
-//!   determines on which side of the surface the film over the seam lies, and the speed s = |dx/dn| of x inwards from
-//!   the rim.
+//!   determines on which side of the surface the film over the seam lies, and the lengths s = |dx/dn| along the rim,
+//!   with n the inward normal of the rim in the disc.
 //! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0. x and its first two derivatives are
-//!   prescribed along the rim, by two rings of points of the surface on the other side of the seam, at distances given
-//!   by s. The filling therefore continues the surface with its tangents and curvatures, and closes as a dome. For a
-//!   tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6 rho^2 + rho^4) / 8, with
-//!   rho = |u|.
+//!   prescribed along the rim, by two rings of points of the surface on the other side of the seam, at distances from
+//!   the rim that are given by s. The filling therefore continues the surface with its tangents and curvatures, and
+//!   closes as a dome. For a tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6
+//!   rho^2 + rho^4) / 8, with rho = |u|.
 //!
 //! The error of a model of degree L decreases only as 1/L at a kink. A kink at the seam would therefore increase the
 //! error far more than the dome's additional area does. The dome of each side of the cut lies inside the tube of the
@@ -18,7 +18,7 @@
 //! The discretisation uses the cotangents of the disc's own triangles, since the disc's triangles are well shaped,
 //! unlike the surface's (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998;
 //! M. Botsch and L. Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). The linear
-//! systems are solved by sparse Cholesky, O(n^1.5).
+//! systems are solved by sparse Cholesky factorisation in O(n^1.5) flops for n vertices.
 
 use spharm_monitor::{Interrupted, Monitor};
 

@@ -1,11 +1,11 @@
 //! Computes the greedy system of loops, and the homology class of every half-edge.
 //!
-//! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA
-//! 2005. T is the tree of shortest paths from a base point. The weight of an edge e = ab outside T is the length of the
-//! shortest loop through the base point and e, d(a) + |e| + d(b). C is the maximum spanning tree of the dual graph
-//! among the edges outside T. On a surface of genus g, 2 g edges belong to neither T nor C. The loops of these edges
-//! generate the homology, and are the shortest loops through the base point that generate it. The algorithm takes O(n
-//! log n) time.
+//! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA (2005). T
+//! is the tree of shortest paths from a base point, and d(v) is the distance of vertex v from the base point. The
+//! weight of an edge e = ab outside T is d(a) + |e| + d(b), the length of the shortest loop through the base point and
+//! e. C is the maximum spanning tree of the dual graph among the edges outside T. On a surface of genus g, 2 g edges
+//! belong to neither T nor C. The loops of these edges generate the homology, and are the shortest loops through the
+//! base point that generate it. The algorithm takes O(n log n) time.
 //!
 //! A closed path that visits no vertex twice separates the surface if and only if it is homologous to zero (orientable
 //! surfaces, integer coefficients). To test this, each edge i in neither T nor C is assigned a number r_i, and each
@@ -13,8 +13,8 @@
 //! each face sum to zero. The numbers along a closed path of class (k_1, ..., k_2g) then sum to k_1 r_1 + ... + k_2g
 //! r_2g. The r_i are random 64-bit numbers and sums are modulo 2^64. A sum of zero therefore means class zero, except
 //! with a probability of about 2^-64, and a class takes 8 bytes per edge instead of 2 g numbers. A nonzero sum proves
-//! that the path doesn't separate the surface, so an unlucky choice of numbers never causes a wrong cut. It could only
-//! cause a loop to be missed.
+//! that the path doesn't separate the surface, so an unlucky choice of numbers never causes a wrong cut. Such a choice
+//! could only cause the search to miss a loop.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};

@@ -7,10 +7,10 @@
 //! nodes are the pieces into which these loops would cut the surface. A spanning tree of this graph, made of the
 //! longest loops, is left uncut, so that the surface stays connected. The shortest loop is always cut.
 //!
-//! Guarantee: consider the loops along edges that pass through one of eight points of a cut loop and don't separate the
-//! surface of that round. None of these loops is shorter than the cut loop. In practice the shortest of all loops is
-//! found if one of the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and
-//! Har-Peled 2004), which takes n times as long.
+//! Guarantee: a cut loop is at least as short as every loop along edges that passes through one of eight points of the
+//! cut loop and doesn't separate the surface of that round. In practice the shortest of all loops is found if one of
+//! the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and Har-Peled 2004),
+//! which takes n times as long.
 //!
 //! Cost: a round takes O(n log n) for the generators. For each generator the round searches the surface a few times,
 //! within half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case, if all

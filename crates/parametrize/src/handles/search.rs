@@ -1,9 +1,9 @@
 //! Searches for the shortest loop that passes through a given vertex and doesn't separate the surface.
 //!
-//! The search runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its homology class consists of
-//! two shortest paths and an edge ab between their ends. The loop's length d(a) + |ab| + d(b) is at least twice the
-//! larger of d(a) and d(b). The search therefore ends when twice the distance reaches the length of the shortest loop
-//! found, and visits only the vertices within half that length.
+//! The search runs Dijkstra's algorithm from the vertex v, which gives the distance d(w) of each vertex w from v. A
+//! shortest loop through v in its homology class consists of two shortest paths and an edge ab between their ends. The
+//! loop's length d(a) + |ab| + d(b) is at least twice the larger of d(a) and d(b). The search therefore ends when twice
+//! the distance reaches the length of the shortest loop found, and visits only the vertices within half that length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -17,7 +17,7 @@ use crate::geometry::{Vec3, norm, sub};
 /// Number of bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
 /// If the positions given by sform and qform differ by at most this share of the volume's diagonal, the difference is
-/// attributed to rounding. A quaternion of 32-bit numbers determines the angle of a half turn to 7e-4.
+/// attributed to rounding. A quaternion of 32-bit numbers determines the angle of a half turn only to within 7e-4 rad.
 const ROUNDING: f64 = 1e-3;
 
 /// Parses a file, given as a stream of at most `most` bytes.

@@ -5,12 +5,12 @@
 //! min |L x|^2   with   |x_v - c_v| <= r along each axis,   (L x)_v = x_v - mean of its neighbours
 //! ```
 //!
-//! in voxels, where c_v is the lattice corner of vertex v, and r is half a voxel unless the caller smooths more.
-//! Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson, "Constrained
-//! elastic surface nets", MICCAI 1998, uses the same boxes, but the Laplacian). The problem is solved by projected
-//! gradients with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume.
-//! The lost volume is restored: all vertices move along their normals, within the boxes, until the volume equals that
-//! of the voxels.
+//! in voxels, where x_v is the position of vertex v, c_v its lattice corner, and r is half a voxel unless the caller
+//! smooths more. Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson,
+//! "Constrained elastic surface nets", MICCAI 1998, uses the same boxes, but the Laplacian). The problem is solved by
+//! projected gradients with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of
+//! their volume. The lost volume is restored: all vertices move along their normals, within the boxes, until the volume
+//! equals that of the voxels.
 //!
 //! If grey values locate the surface ([`grey`](super::grey)), the volume is given by the grey values, and the minimised
 //! function gains the term

@@ -3,8 +3,8 @@
 //! The surface around a label consists of the faces of voxels. On a body of radius r, a model of degree L resolves
 //! lengths of `pi r / L`. If this length is below one and a half voxels, the model follows the steps between voxels,
 //! and its area grows with the degree. The area of a ball of radius 10.3 voxels is 0.8 % too large at degree 8, 1.1 %
-//! at 12 and 2.1 % at 20. The area of an ellipsoid with axes 4, 2 and 2 and voxels of 0.2 x 0.2 x 0.6 is 0.3 %, 5.1 %
-//! and 18.1 % too large at these degrees. Sphericity has similar errors.
+//! at 12 and 2.1 % at 20. The area of an ellipsoid with semi-axes of 4, 2 and 2 mm and voxels of 0.2 x 0.2 x 0.6 mm is
+//! 0.3 %, 5.1 % and 18.1 % too large at these degrees. Sphericity has similar errors.
 
 use std::fmt;
 

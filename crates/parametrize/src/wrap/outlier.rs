@@ -18,8 +18,8 @@ const FEWEST: f64 = 2.0;
 /// [`FEWEST`]. The loss of a long thin tail stays below this limit, because the tail has a smaller share of the mesh.
 const LOSS: f64 = 0.05;
 
-/// Checks that the rest of a mesh has enough voxels, given the share of the mesh that a wrap loses. The unit of `given`
-/// is a voxel. `surface` is the same mesh in its own unit.
+/// Checks that the rest of a mesh has enough voxels, given the share of the mesh that a wrap loses. `given` is the mesh
+/// with coordinates in voxels, `surface` the same mesh with coordinates in its own unit.
 ///
 /// The rest is the smaller of two boxes: one around the bulk of the area, the other around most vertices. Both boxes
 /// are needed, because the triangles of a far vertex may have most of the area, and a far part may have many vertices.

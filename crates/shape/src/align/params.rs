@@ -12,8 +12,10 @@ pub enum Method {
     /// Searches the rotations of space and of the parameters together.
     #[default]
     Joint,
-    /// Rotates both surfaces into the frames of their first-order ellipsoids. Of the 16 pairs of a half turn of the
-    /// parameters and a half turn of space, the best pair is used. Intended for comparison with other programs.
+    /// Rotates both surfaces into the frames of their first-order ellipsoids. The frames are determined only up to half
+    /// turns. Therefore each of four rotations of the parameters (three half turns and the identity) is combined with
+    /// each of the same four rotations of space, and the best of the 16 pairs is used. Intended for comparison with
+    /// other programs.
     FirstOrderEllipsoid,
     /// Rotates only in space, and keeps the parameters because they already correspond.
     FixedParameters,

@@ -32,9 +32,9 @@ const COARSE_STEPS: usize = 200;
 #[non_exhaustive]
 pub enum Target {
     /// Maximum distance between the surface of the model and the surface of the compressed model, as a relative length
-    /// from 1e-8 to 1. The distance is the larger of two root mean squares: of the distances to the nearest points, and
-    /// of the displacements along the normal. The distance reached is usually between 98 % and 100 % of the maximum.
-    /// For a signal, the value is the maximum root mean square error.
+    /// from 1e-8 to 1. The distance is the root mean square distance to the nearest points or the root mean square
+    /// displacement along the normal, whichever is larger. The distance reached is usually between 98 % and 100 % of
+    /// the maximum. For a signal, the value is the maximum root mean square error.
     Tolerance(f64),
     /// Maximum file size in bytes. If possible, the file size is at least 99.5 % of this maximum.
     Bytes(usize),

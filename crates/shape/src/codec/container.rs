@@ -31,7 +31,7 @@ const MOST_METADATA: usize = 1 << 24;
 /// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
 /// Limits on the number of zero coefficients that a file may declare above the stream's highest degree. The first value
-/// applies to any file. The second value is added to it for each byte of the file.
+/// applies to any file. The second value is added to the first for each byte of the file.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
 /// Maximum of [`Head::guess`], the log2 of the mean magnitude at degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
@@ -57,13 +57,13 @@ pub(super) struct Head {
 /// Part of the stream that completes a level, with its length in bytes and its checksum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Segment {
-    /// Highest degree of the model that ends with this segment.
+    /// Highest degree of the model that is complete at the end of this segment.
     pub(super) degree: usize,
     pub(super) length: usize,
     pub(super) crc: u32,
 }
 
-/// A header and its length.
+/// A header and its length in bytes.
 #[derive(Debug)]
 pub(super) struct Parsed {
     pub(super) head: Head,
@@ -71,7 +71,7 @@ pub(super) struct Parsed {
 }
 
 /// Returns whether a file of `bytes` bytes may have coefficients up to `max_degree` if its stream ends at degree `top`.
-/// The coefficients of higher degrees are zeros.
+/// The coefficients of the degrees above `top` are zeros, and their number is limited (see [`MOST_ZEROS`]).
 pub(super) fn plausible(max_degree: usize, top: usize, channels: usize, bytes: usize) -> bool {
     let values = |degree: usize| basis_size(degree).saturating_mul(channels);
     let zeros = values(max_degree) - values(top);

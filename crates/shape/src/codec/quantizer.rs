@@ -28,7 +28,7 @@ const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 pub(super) struct Quantised {
     /// Steps of the channels, greater than 0; a surface has a single step for all channels.
     pub(super) steps: Vec<f64>,
-    /// Multiples of the step at degree 0, one per channel.
+    /// The coefficient of degree 0 of each channel, as a multiple of the channel's step.
     pub(super) first: Vec<i64>,
     /// Reductions of the reconstructed magnitudes, in 256ths of a step. The first is for magnitude 1, the second for
     /// magnitudes of 2 and more.

@@ -19,8 +19,8 @@ const UNARY: usize = 20;
 /// Depending on the estimate, the kind is the region of the order, the channel modulo `KINDS`, or always 0.
 const KINDS: usize = 4;
 
-/// A magnitude is divided by 2^s, and the quotient is coded. The exponents s form this number of classes: 0, 1, and 2
-/// or more. Each class has its own mixing weights.
+/// Number of classes of the shift s: 0, 1, and 2 or more. A magnitude is divided by 2^s before the quotient is coded.
+/// Each class has its own mixing weights.
 const SIZES: usize = 3;
 
 /// The largest magnitude of a quantised coefficient.
@@ -33,7 +33,7 @@ pub(super) struct Stream {
     contexts: Contexts,
     /// Adaptive estimates of probabilities, indexed by (estimate, class, kind, decision).
     estimates: Vec<Estimate>,
-    /// Mixing weights, indexed by (decision, class of the shift).
+    /// Mixing weights, indexed by (decision, class of the shift s); see [`SIZES`].
     weights: Vec<Weights>,
     mixer: Mixer,
 }
@@ -42,7 +42,7 @@ impl Stream {
     /// Creates a stream that starts at degree 1, with `2^guess` as the assumed mean magnitude.
     pub(super) fn new(channels: usize, guess: u32) -> Self {
         let of_class = |class: usize| {
-            // Twice the midpoint of the class of magnitudes.
+            // Twice the midpoint of the class of expected magnitudes.
             let mean = bound(class) + bound(class + 1);
             (0..KINDS * UNARY).map(move |i| {
                 // Initial estimates assume an exponential distribution, with a dead zone for the decision between 0

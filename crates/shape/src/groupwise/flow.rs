@@ -10,7 +10,7 @@
 //! error.
 //!
 //! Cost: one synthesis of six functions per step. The inverse takes about twenty syntheses per step. Its iteration
-//! stops when directions change by less than 1e-11.
+//! stops when directions change by less than 1e-11 rad.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;

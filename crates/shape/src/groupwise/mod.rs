@@ -2,18 +2,19 @@
 //! compact as its shapes allow.
 //!
 //! Members are surfaces f_i over the same sphere and in the same pose. They needn't be registered. The refinement finds
-//! diffeomorphisms of the sphere, one per member, that minimise
+//! diffeomorphisms phi_i of the sphere, one per member, that minimise
 //!
 //! ```text
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
 //! ```
 //!
-//! G is the covariance of the x_i over the surfaces' mean area, and E the elastic energy of a map. The first term is
-//! the description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007). It
-//! is smaller if the variance is concentrated in few modes. Points stay exactly on their surfaces, and no triangle of
-//! the sphere is inverted. Unit normals, multiplied by a length, are channels in addition to the positions. Without
-//! normals, points slide along the surfaces to regions in which members differ least. The group then becomes compact,
-//! but the correspondence is wrong. The refinement proceeds in stages, from low to high degrees of models and fields.
+//! G is the covariance of the x_i over the surfaces' mean area, and lambda_k are its eigenvalues. delta is a positive
+//! constant, E the elastic energy of a map, and mu its weight. The first term is the description length of the group
+//! (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007). It is smaller if the variance is
+//! concentrated in few modes. Points stay exactly on their surfaces, and no triangle of the sphere is inverted. Unit
+//! normals, multiplied by a length, are channels in addition to the positions. Without normals, points slide along the
+//! surfaces to regions in which members differ least. The group then becomes compact, but the correspondence is wrong.
+//! The refinement proceeds in stages, from low to high degrees of models and fields.
 //!
 //! | module | contents |
 //! |---|---|

@@ -8,13 +8,14 @@
 //! w(u) = mask(u) / N sum_i a_i(u) / A_i,    A_i = sum_u mask(u) a_i(u)
 //! ```
 //!
-//! where a_i(u) is a third of the total area of the triangles around u on surface i (R. H. Davies et al., "A minimum
-//! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
-//! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Because weights follow the members'
-//! areas, J depends on the surfaces but not on the density of directions, and doesn't change if all members are
-//! reparameterised in the same way. The weights are differentiated as well. With fixed weights, a descent would gather
-//! directions in regions in which members agree, although this doesn't decrease J with the correct weights. With `B =
-//! (G + delta 1)^-1` and y = x - m,
+//! where lambda_k are the eigenvalues of G, delta is a positive constant, 1 is the identity matrix, and a_i(u) is a
+//! third of the total area of the triangles around u on surface i (R. H. Davies et al., "A minimum description length
+//! approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al., "Shape modeling and
+//! analysis with entropy-based particle systems", IPMI 2007). Because weights follow the members' areas, J depends on
+//! the surfaces but not on the density of directions, and doesn't change if all members are reparameterised in the same
+//! way. The weights are differentiated as well. With fixed weights, a descent would gather directions in regions in
+//! which members agree, although this doesn't decrease J with the correct weights. With `B = (G + delta 1)^-1` and y =
+//! x - m,
 //!
 //! ```text
 //! q(u) = dJ/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dJ/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i

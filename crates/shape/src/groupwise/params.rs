@@ -17,9 +17,10 @@ pub struct StageParams {
 }
 
 impl StageParams {
-    /// Returns the stages for models of degree `max_degree`. The models are truncated to degrees 6, 12 and 20, and then
-    /// have their full degree. The fields of these stages have degrees 5, 10, 14 and 18. Stages beyond the models'
-    /// degree are omitted.
+    /// Returns the stages for models of degree `max_degree`. There are at most four stages. Models are truncated to
+    /// degrees 6, 12 and 20 in the first three stages, whose fields have degrees 5, 10 and 14. In the fourth stage,
+    /// models have their full degree, and fields have degree 18. The first stage that reaches about 4/5 of the models'
+    /// degree is the last one, and uses their full degree.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Vec<Self> {
         let mut stages = Vec::new();
@@ -44,14 +45,14 @@ pub struct GroupwiseParams {
     pub stages: Option<Vec<StageParams>>,
     /// Constant, above 0, that is added to variances before taking the logarithm, as a fraction of the sum of variances
     /// at the start of a stage. A small value gives weight to small modes, which are mostly noise. A large value
-    /// ignores them. 0.03 by default. For shapes with a moving bump, the first mode has 0.91 of the variance with a
+    /// ignores them. The default is 0.03. For shapes with a moving bump, the first mode has 0.91 of the variance with a
     /// delta of 0.03, and 0.78 with a delta of 0.1. For vertebrae, corresponding landmarks are equally close to each
     /// other with both values.
     pub delta: f64,
-    /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
+    /// Weight mu of the elastic energy, at least 0; by default 0.4.
     pub elasticity: f64,
     /// Weight of the unit normals as channels, as a fraction of the square root of the members' mean area; 0 omits the
-    /// normals. Without normals, points slide along the surface to regions in which members agree. 0.12 by default.
+    /// normals. Without normals, points slide along the surface to regions in which members agree. The default is 0.12.
     /// Both smaller and larger values increase the distances between corresponding points, in groups of known
     /// correspondence and for landmarks of vertebrae.
     pub normals: f64,
@@ -64,7 +65,7 @@ pub struct GroupwiseParams {
     /// by default.
     pub together: bool,
     /// Minimum decrease of the objective per member and step. A stage ends after three consecutive steps with smaller
-    /// decreases. 1e-4 by default.
+    /// decreases. The default is 1e-4.
     pub tolerance: f64,
 }
 

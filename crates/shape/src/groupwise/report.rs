@@ -9,7 +9,8 @@ use crate::groupwise::state::State;
 pub struct Distortion {
     /// Root mean square of the logarithm of the change of area, over the sphere's area and all members.
     pub rms: f64,
-    /// Largest absolute value of the logarithm of the change of area.
+    /// Largest absolute value of the logarithm of a triangle's change of area, over all triangles of the sphere and all
+    /// members.
     pub most: f64,
     /// Fraction of the sphere's triangles whose area the maps change by at most a factor of 8.
     pub within_eight: f64,

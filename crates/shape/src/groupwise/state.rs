@@ -4,8 +4,9 @@
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
 //! ```
 //!
-//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H of
-//! [`held`](super::held). If members are aligned within rounds, each member is moved rigidly to the mean before G is
+//! phi_i is the map of member i, and G and delta are defined in [`objective`](super::objective). E is the elastic
+//! energy ([`elastic`](super::elastic)) with the weight mu, and H is the energy of the fixed points
+//! ([`held`](super::held)). If members are aligned within rounds, each member is moved rigidly to the mean before G is
 //! computed. The member's gradient is then rotated back.
 //!
 //! Members are evaluated in parallel. Each evaluation creates a plan for the directions of a member, and drops it

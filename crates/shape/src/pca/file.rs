@@ -7,7 +7,7 @@
 //! | `variances` | f64 (m, 1) | variance along each mode |
 //! | `scores` | f64 (n, m) | coordinates of the group's members |
 //! | `total_variance` | f64 (1, 1) | variance along all modes |
-//! | `convention` | text () | the convention of model files |
+//! | `convention` | text () | convention of the coefficients, as in a model file |
 //! | `members` | text () | names of the group's members, one per line |
 //! | `provenance` | text () | provenance of the file, as JSON |
 

@@ -20,10 +20,10 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance (m) of a member from the model of the other members. Without that member the group has only n - 2
-    /// modes, so the value for n - 1 modes equals the value for n - 2.
+    /// Mean distance of a member from the model of the other members, for k = 1 to m. Without that member the group has
+    /// only n - 2 modes, so the value for n - 1 modes equals the value for n - 2.
     pub generalisation: Vec<f64>,
-    /// Mean distance (m) of a random shape from the nearest member.
+    /// Mean distance of a random shape from the nearest member, for k = 1 to m.
     pub specificity: Vec<f64>,
 }
 

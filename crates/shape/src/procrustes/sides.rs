@@ -16,7 +16,7 @@
 //! image. The sides of the members are known only if these logarithms satisfy
 //!
 //! ```text
-//! median > 0.5,   least > 0
+//! median > 0.5,   minimum > 0
 //! ```
 //!
 //! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to

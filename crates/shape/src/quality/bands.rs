@@ -7,7 +7,7 @@
 //! group's value. This corrects the bias caused by the resampling (B. Efron and R. J. Tibshirani, An Introduction to
 //! the Bootstrap (1993), chapter 10).
 //!
-//! In draws from large groups, only 20 members are excluded in turn, and modes are computed from the leading
+//! In draws from large groups, only 20 members are excluded, one at a time, and modes are computed from the leading
 //! `5 m + 50` coordinates.
 
 use ndarray::{Array2, s};

@@ -159,12 +159,13 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
 
 /// A random shape and the members nearest to it.
 pub(super) struct Near {
-    /// Distances (m) of the shape from the nearest member, with the shape truncated to the first k modes.
+    /// For k = 1 to m, the distance of the shape from the nearest member, with the shape truncated to the first k
+    /// modes.
     pub(super) distances: Vec<f64>,
     /// Coordinates of the shape along all modes.
     pub(super) along: Vec<f64>,
-    /// For each number k of modes (m): the two members nearest to the shape truncated to k modes, the nearest first, as
-    /// row indices of the model's scores.
+    /// For k = 1 to m, the two members nearest to the shape truncated to the first k modes, the nearest first. Members
+    /// are given as row indices of the model's scores.
     pub(super) rows: Vec<[usize; 2]>,
 }
 

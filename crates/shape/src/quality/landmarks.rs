@@ -120,8 +120,9 @@ pub(super) fn landmark_errors(
 /// Returns the direction of the point on the surface nearest to p, and the distance of that point from p.
 ///
 /// The nearest point of the facets is moved to the nearest point of the smooth surface by Gauss-Newton steps in the
-/// tangent plane, `(E F; F G) d = (X_1 . r, X_2 . r)` with r = p - X(u). Without these steps, the facets would bias the
-/// direction of a landmark that is off the surface.
+/// tangent plane, `(E F; F G) d = (X_1 . r, X_2 . r)`. X is the surface, with the tangents X_1 and X_2 and the
+/// coefficients E, F and G of the first fundamental form at u, and r = p - X(u). Without these steps, the facets would
+/// bias the direction of a landmark that is off the surface.
 fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3) -> Result<(Vec3, f64), ShapeError> {
     let Some(found) = tree.nearest(p) else { return Ok(([0.0, 0.0, 1.0], f64::INFINITY)) };
     let face = sphere.faces[found.triangle as usize];

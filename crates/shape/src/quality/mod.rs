@@ -6,7 +6,7 @@
 //! is the fraction of a member's area that belongs to the vertex, averaged over the members, so that
 //!
 //! ```text
-//! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
+//! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - c, x_j - c>,    c = mean of the x_i
 //! ```
 //!
 //! With these weights, distances are root mean squares over the surface. Root mean squares over the sphere would be

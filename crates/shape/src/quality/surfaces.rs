@@ -15,8 +15,8 @@ const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
 
-/// A row for each member (generalisation) or each random shape (specificity): its distance for each number of modes,
-/// from 1 on.
+/// One row for each member (generalisation) or each random shape (specificity). The row has the distances of the member
+/// or shape for 1 mode, 2 modes, and so on.
 type Rows = Vec<Vec<f64>>;
 
 /// A surface with its search tree and area weights, prepared for distances in both directions.

@@ -2,8 +2,9 @@
 //! generalisation G to several contrasts.
 //!
 //! The statistics are from A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation
-//! inference for the general linear model", NeuroImage 92 (2014), section 2.5. `E_g` are the residuals of variance
-//! group g, `R` is the residual-forming matrix, and B are the least-squares coefficients:
+//! inference for the general linear model", NeuroImage 92 (2014), section 2.5. Variance group g has n_g observations
+//! with the residuals `E_g`. `R` is the residual-forming matrix, B are the least-squares coefficients, and C is the
+//! contrast, with q rows:
 //!
 //! ```text
 //! w_g = sum of R_ii over g / |E_g|^2,   W = diag of w_g,

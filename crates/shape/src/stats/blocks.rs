@@ -71,8 +71,9 @@ impl Blocks {
         &self.of
     }
 
-    /// Returns whether the design has a level for each block of several observations. The errors of such a design don't
-    /// include the differences between blocks.
+    /// Returns whether the design has a separate level for each block of several observations, that is, whether the
+    /// span of its columns contains the indicator of each such block. The errors of such a design don't include the
+    /// differences between blocks.
     pub(crate) fn are_in(&self, design: &Design) -> bool {
         let (basis, _) = orthonormalise(design.matrix());
         (0..self.count()).all(|block| {

@@ -16,10 +16,11 @@
 //! Q_Z)^T e`. Both are products of rows of length n with the residuals (n, V d). The effect explains the fraction `u =
 //! b (1 - g^T g)^-1 b^T` of the reduced model's scatter. This fraction u increases with |t|, F and `T^2`, so that only
 //! u needs to be compared. For v degrees of freedom, `T^2 = v u / (1 - u)`. For permutations g is 0 if the reduced
-//! model is a constant. `welch_flips` computes the statistics for unequal variances. Cost: `2 n V d p` flops per
-//! relabelling, or `2 n V d q` if the reduced model is a constant. For example, 10,000 relabellings of 100 subjects
-//! with one value at each of 10,242 vertices take 2e10 flops. Memory: `8 n V d` bytes for the residuals, and 2 MB per
-//! thread.
+//! model is a constant. `welch_flips` computes the statistics for unequal variances.
+//!
+//! Cost: `2 n V d p` flops per relabelling, or `2 n V d q` if the reduced model is a constant. For example, 10,000
+//! relabellings of 100 subjects with one value at each of 10,242 vertices take 2e10 flops. Memory: `8 n V d` bytes for
+//! the residuals, and 2 MB per thread.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -103,8 +104,8 @@ pub(crate) enum Compared<'a> {
 }
 
 /// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`. Also returns whether whole
-/// blocks are exchanged whose rows correspond only by their order. Returns `None` if no relabelling changes the
-/// statistics.
+/// blocks are exchanged although their rows correspond only by their order. Returns `None` if no relabelling changes
+/// the statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -167,8 +168,9 @@ pub(crate) fn family_wise(
             return Err(ShapeError::Setting {
                 name: "the number of rows of a whole block",
                 found: sizes.join(" or "),
-                expected: "only blocks of the same size can be exchanged, but blocks of the same size don't differ in \
-                           the tested columns; give blocks of the same size, or test one value of each block",
+                expected: "only blocks with equal numbers of rows can be exchanged, but such blocks have equal values \
+                           in the tested columns; give all blocks the same number of rows, or give one row for each \
+                           block",
             });
         }
         return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
@@ -279,7 +281,7 @@ impl Null {
 }
 
 /// Returns whether relabelled residuals stay orthogonal to the reduced model. This is the case if the reduced model is
-/// empty, or if permutations exchange only subjects that have equal rows in it.
+/// empty, or if permutations exchange only subjects that have equal rows in the reduced model.
 fn stays_orthogonal(model: &Projection, resampling: Resampling, sets: &[Vec<Unit>]) -> bool {
     let exchanged = resampling == Resampling::Permutations && units_are_equal(sets, &model.nuisance);
     model.nuisance.ncols() == 0 || exchanged

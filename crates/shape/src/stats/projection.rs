@@ -1,10 +1,11 @@
 //! Splits a design into the part that a contrast tests and the rest.
 //!
-//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, where U solves `R^T U = C^T`. Therefore the
-//! columns of `W = Q U` span the contrast's contribution to the model. Their orthogonal complement in the span of X is
-//! the reduced model of the null hypothesis. This is the partition of G. M. Ridgway, computed by orthogonal bases
-//! instead of normal equations (A. M. Winkler et al., "Permutation inference for the general linear model", NeuroImage
-//! 92 (2014), appendix A).
+//! X is the design, Y are the values, B the coefficients of the model, and C is the contrast. With `X = Q R`, the
+//! estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, where U solves `R^T U = C^T`. Therefore the columns of `W = Q U`
+//! span the contrast's contribution to the model. Their orthogonal complement in the span of X is the reduced model of
+//! the null hypothesis. This is the partition of G. M. Ridgway, computed by orthogonal bases instead of normal
+//! equations (A. M. Winkler et al., "Permutation inference for the general linear model", NeuroImage 92 (2014),
+//! appendix A).
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 

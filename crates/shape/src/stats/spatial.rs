@@ -8,10 +8,10 @@
 //! ```
 //!
 //! where e(h) is the area of the connected region around the vertex in which statistics are at least h. E and H have
-//! the values that FSL uses for surfaces (`randomise --T2`). The integral is exact, without steps of h. A cluster
-//! consists of connected vertices above a threshold, and its statistic is its area (K. J. Friston et al., "Assessing
-//! the significance of focal activations using their spatial extent", Human Brain Mapping 1 (1994)). Vertices with
-//! positive statistics and vertices with negative statistics belong to separate regions.
+//! the values that FSL uses for surfaces (`randomise --T2`). The integral is computed exactly, not approximated by a
+//! sum over steps of h. A cluster consists of connected vertices above a threshold, and its statistic is its area (K.
+//! J. Friston et al., "Assessing the significance of focal activations using their spatial extent", Human Brain Mapping
+//! 1 (1994)). Vertices with positive statistics and vertices with negative statistics belong to separate regions.
 //!
 //! # Computation
 //!
@@ -244,8 +244,9 @@ impl<'a> Regions<'a> {
         Clusters { threshold, of, clusters: found.into_iter().map(|(cluster, _)| cluster).collect() }
     }
 
-    /// Builds the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. After adding a
-    /// vertex, calls `joined` with the vertex's height and the area of its region.
+    /// Builds the forest of the vertices whose height is above 0 and at least `lowest`. The height of a vertex is its
+    /// statistic times `sign`. After adding a vertex, calls `joined` with the vertex's height and the area of its
+    /// region.
     fn fill(&mut self, statistics: &[f64], sign: f64, lowest: f64, mut joined: impl FnMut(f64, f64)) {
         self.order.clear();
         let heights = statistics.iter().map(|value| sign * value).zip(0..);
@@ -273,7 +274,7 @@ impl<'a> Regions<'a> {
         largest
     }
 
-    /// Adds a vertex whose height is at most that of all earlier vertices, and returns the root of the vertex's region.
+    /// Adds a vertex and returns the root of its region. Vertices must be added in descending order of their heights.
     fn add(&mut self, v: u32, height: f64) -> u32 {
         let at = v as usize;
         self.above[at] = v;

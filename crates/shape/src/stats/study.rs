@@ -85,13 +85,13 @@ impl Question {
     }
 }
 
-/// Part of a design that is tested.
+/// The tested part of a design, and its contrast.
 struct Tested {
     /// Columns of ones and zeros, or the constant.
     base: Coded,
     /// Columns of centred numbers, which are zero for average subjects.
     slopes: Coded,
-    /// For each row of the contrast, its weights of the columns of `base`, followed by those of `slopes`.
+    /// Rows of the contrast: the weights of the columns of `base`, followed by the weights of the columns of `slopes`.
     weights: Vec<Vec<f64>>,
     meaning: String,
     levels: Vec<String>,

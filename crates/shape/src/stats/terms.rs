@@ -142,8 +142,8 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
     }
 }
 
-/// A value is treated as far from the others only if there are at least this number of values, because the quartiles of
-/// fewer values don't show it.
+/// Minimum number of values for which a value may be treated as far from the others. The quartiles of fewer values
+/// don't show whether a value is far away.
 const FEWEST: usize = 8;
 /// Distance from the median, in interquartile ranges, beyond which a number is far from the others.
 const FAR: f64 = 20.0;
@@ -161,8 +161,8 @@ fn is_like_code(number: f64) -> bool {
     number == -1.0 || repeats || number.abs() >= HUGE
 }
 
-/// Checks whether the number that is farthest from the median may be a code of a missing value, such as -999. This is
-/// assumed if the number is far from the median and looks like a code. Then returns the number's row, and the median.
+/// Checks whether the number that is farthest from the median may be a code of a missing value, such as -999. If the
+/// number is far from the median and looks like a code, returns its row and the median, otherwise `None`.
 pub(crate) fn far(numbers: &[f64]) -> Option<(usize, f64)> {
     let n = numbers.len();
     if n < FEWEST {

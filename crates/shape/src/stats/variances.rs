@@ -8,7 +8,7 @@ use super::{Remedy, TestWarning};
 
 /// Threshold for a warning about two groups: the ratio of their sizes and the ratio of their variances must both exceed
 /// this number. In a design of g > 2 groups, the largest ratio of variances of all pairs is larger by chance. Therefore
-/// the ratio of variances must exceed the power g - 1 of this number.
+/// the ratio of variances must exceed this number to the power of g - 1.
 const RATIO: f64 = 1.5;
 /// A group's variance is compared only if the group's errors have at least this number of degrees of freedom.
 const LEAST_FREEDOM: f64 = 2.0;

@@ -1,10 +1,11 @@
 //! Tests the difference of two groups of unequal variance.
 //!
-//! For one component, the statistic is `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` with Satterthwaite's
-//! degrees of freedom (B. L. Welch, "The generalization of 'Student's' problem when several different population
-//! variances are involved", Biometrika 34 (1947)). For several components, the statistic is `T^2 = D^T C^-1 D` with
-//! `D = m_1 - m_2`, `C = C_1 + C_2` and `C_g = S_g / n_g`. Approximately, `(v - d + 1) / (v d) T^2` is F with (d,
-//! v - d + 1) degrees of freedom, and
+//! Group g has n_g subjects with the mean m_g and the standard deviation s_g, or the covariance S_g for several
+//! components. For one component, the statistic is `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` with
+//! Satterthwaite's degrees of freedom (B. L. Welch, "The generalization of 'Student's' problem when several different
+//! population variances are involved", Biometrika 34 (1947)). For several components, the statistic is
+//! `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2` and `C_g = S_g / n_g`. Approximately,
+//! `(v - d + 1) / (v d) T^2` is F with (d, v - d + 1) degrees of freedom, and
 //!
 //! ```text
 //! v = (d + d^2) / sum_g (tr (C_g C^-1)^2 + (tr C_g C^-1)^2) / (n_g - 1)

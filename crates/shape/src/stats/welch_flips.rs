@@ -2,12 +2,12 @@
 //!
 //! Permutations between groups assume equal variances, and permutations within groups don't change the statistic.
 //! Therefore signs are flipped, as in A. M. Winkler et al., NeuroImage 92 (2014). The statistic is v of A. A. Aspin and
-//! B. L. Welch (1949), which has a separate variance for each group. Residuals are taken about the mean that both
-//! groups share under the null hypothesis, weighted by `n_g / tr S_g`. This is the restricted wild bootstrap, whose
-//! first relabelling is the study itself. Residuals about the mean of each group are not an alternative. In a
-//! simulation with such residuals, the family-wise error of `T^2` was 0.18 instead of 0.05, and the power for t was the
-//! same. The simulation had 300 null studies of 5 subjects against 15, with standard deviations in the ratio 2 : 1, and
-//! used NumPy.
+//! B. L. Welch (1949), which has a separate variance for each group. Residuals r are taken about the mean that both
+//! groups share under the null hypothesis. This is the mean of the two groups' means, weighted by `n_g / tr S_g` for a
+//! group of n_g subjects with the covariance S_g. The method is the restricted wild bootstrap, whose first relabelling
+//! is the study itself. Residuals about the mean of each group are not an alternative. In a simulation with such
+//! residuals, the family-wise error of `T^2` was 0.18 instead of 0.05, and the power for t was the same. The simulation
+//! had 300 null studies of 5 subjects against 15, with standard deviations in the ratio 2 : 1, and used NumPy.
 //!
 //! Sums of squares `Q_g = sum r r^T` don't depend on signs. For each relabelling, each group's sum of signed residuals,
 //! `s_g`, is computed by a product of two rows of length n with the residuals (n, V d). The statistic at each vertex is

@@ -12,12 +12,12 @@
 //! y = G_j^-1 A_j^T W s      z_j += y      s -= A_j y           G_j = A_j^T W A_j
 //! ```
 //!
-//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2). `A z = r - s`
-//! then requires neither the gradient nor products with A in addition to the products of the passes. On `W^(1/2) s`,
-//! the step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be applied twice
-//! in a row. This projection is applied only once, because `(I - P)^2 = I - P`. This saves reading one block. For a
-//! rank-deficient block, `G_j^-1` denotes the operator that returns the minimum-norm solution. This operator is
-//! symmetric and gives the same projection. All iterates then stay in the span of minimum-norm solutions.
+//! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2). The product
+//! `A z = r - s` follows without the gradient, and without products with A other than those of the passes. On
+//! `W^(1/2) s`, the step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be
+//! applied twice in a row. This projection is applied only once, because `(I - P)^2 = I - P`. This saves reading one
+//! block. For a rank-deficient block, `G_j^-1` denotes the operator that returns the minimum-norm solution. This
+//! operator is symmetric and gives the same projection. All iterates then stay in the span of minimum-norm solutions.
 //!
 //! # The iteration
 //!
@@ -26,11 +26,11 @@
 //! alpha = gamma / q^T W q   x += alpha p              r -= alpha q
 //! ```
 //!
-//! Each column has its own alpha and beta. Let E = (I - P_B) .. (I - P_1) be the forward pass. Then
-//! `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2` is the decrease of the squared residual by the forward pass. Gamma is
-//! summed over the steps of the pass. Each step contributes `y^T A_j^T W s`, which is never negative. Therefore gamma
-//! is accurate down to rounding, whereas `r^T W (r - s)` would lose digits by cancellation, because `|r|^2` doesn't go
-//! to zero.
+//! Here `gamma'` is the gamma of the previous iteration. Each column has its own alpha and beta. Let E = (I - P_B) ..
+//! (I - P_1) be the forward pass over the B blocks. Then `gamma = |W^(1/2) r|^2 - |W^(1/2) E r|^2` is the decrease of
+//! the squared residual by the forward pass. Gamma is summed over the steps of the pass. Each step contributes
+//! `y^T A_j^T W s`, which is never negative. Therefore gamma is accurate down to rounding, whereas `r^T W (r - s)`
+//! would lose digits by cancellation, because `|r|^2` doesn't go to zero.
 //!
 //! A column is finished when `gamma^(1/2) <= 1e-13 |W^(1/2) f|`, and isn't changed after that.
 //!

@@ -43,7 +43,7 @@ impl LsqSolver<'_> {
     }
 
     /// Returns the free bytes of the memory budget.
-    fn room(&self) -> usize {
+    pub(super) fn room(&self) -> usize {
         self.params.memory.saturating_sub(self.params.held)
     }
 

@@ -275,11 +275,11 @@ impl Cg {
     /// Accepts the iteration's own gradient if it is accurate enough, and returns the residual (n, c) if there are
     /// samples. Returns `None` if the gradient must be recomputed, at twice the cost of the residual.
     ///
-    /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient,
-    /// `b - N x`. Rounding adds an error of about eps times `|N| |x|` in each iteration. Divided by `|b|`, these errors
-    /// are errors of the optimality, and must be small compared with the tolerance. If there are samples, they serve to
-    /// verify the accuracy of products in the direction of x: the residual r and the gradient g satisfy
-    /// `(A x)^T W r = x^T g`.
+    /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient
+    /// `b - N x`, with the right-hand side `b = A^T W f`. Rounding adds an error of about eps times `|N| |x|` in each
+    /// iteration. Divided by `|b|`, these errors are errors of the optimality, and must be small compared with the
+    /// tolerance. If there are samples, they serve to verify the accuracy of products in the direction of x: the
+    /// residual r and the gradient g satisfy `(A x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
         problem: &dyn Problem,

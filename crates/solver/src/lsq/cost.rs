@@ -1,14 +1,17 @@
-//! Models the costs of products with the normal matrix, by samples and by moments, and of factors.
+//! Models the costs of the steps of a least-squares fit: a product with the normal matrix, computed from the samples or
+//! from their moments; computing the moments; and computing a Cholesky factor of the normal matrix and solving with it.
 //!
 //! Costs are in nanoseconds on one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
-//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100, a product of the normal operator with
-//! three channels takes 8.4 ms by samples and 2.0 ms by moments. Computing the moments takes 20 ms. At 10^6 samples and
-//! L = 1,000 a product with one channel takes 0.33 s by either method.
+//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100, a product of the normal matrix with
+//! three channels of coefficients takes 8.4 ms by samples and 2.0 ms by moments. Computing the moments takes 20 ms. At
+//! 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by either method.
 
 use spharm_harmonics::basis_size;
+use spharm_transform::FINEST;
 
 use super::limits::{
-    PAYING_PER_EXPECTED_ITERATIONS, PRODUCTS_PER_DENSITY_ITERATION, SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
+    COARSEST_MOMENT_ACCURACY, MOMENT_ACCURACY_PER_TOLERANCE, PAYING_PER_EXPECTED_ITERATIONS,
+    PRODUCTS_PER_DENSITY_ITERATION, SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
 };
 
 /// Sizes that determine the costs of a fit.
@@ -94,6 +97,11 @@ impl Cost {
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, rows_with_weight: rows, max_degree, channels }.at_once(tolerance)
+}
+
+/// Returns the relative accuracy of moments that a fit to a tolerance needs.
+pub fn moment_accuracy(tolerance: f64) -> f64 {
+    (MOMENT_ACCURACY_PER_TOLERANCE * tolerance).clamp(FINEST, COARSEST_MOMENT_ACCURACY)
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@
 //! variance is sigma^2, divided by the row's precision if precisions differ. An estimate of coefficients that is linear
 //! in the targets, such as the plain least squares x = N^-1 A^T W f, transfers noise into each degree. The power of the
 //! transferred noise, relative to sigma^2, depends only on the sampling. This power is measured by fits of noise e of
-//! variance 1:
+//! variance 1. In the following, x and x(e) are the plain fits of the targets f and of the noise e, an index l selects
+//! the coefficients of degree l, and E is the expected value over e:
 //!
 //! ```text
 //! B_l = E |x(e)_l|^2,   D = E |e - A x(e)|^2          of a column, from 12 columns of random signs
@@ -14,6 +15,9 @@
 //! p_l = (1 - h_l) / h_l (2l + 1) / B_l,   p_0 = 0
 //! min  |W^(1/2) (A x - f)|^2 + sum_l p_l |x_l|^2
 //! ```
+//!
+//! For each degree l, P_l is the power of the plain fit, N_l the part of P_l that is expected from noise, h_l the gain
+//! and p_l the penalty. In the last line, x is the penalised fit.
 //!
 //! The method is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
 //! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.

@@ -5,12 +5,13 @@
 //! tr H = K - tr(P N^-1) = K - E[ z^T P^(1/2) N^-1 P^(1/2) z ]
 //! ```
 //!
-//! with N = A^T W A + P and a few probes z, which are vectors of independent signs (M. F. Hutchinson, Commun. Stat.
-//! Simul. 19, 1990). The same probes are used for every lambda, so that GCV is a smooth function of lambda, whose
-//! minimum can be searched for. G. H. Golub, M. Heath, G. Wahba, "Generalized cross-validation as a method for choosing
-//! a good ridge parameter", Technometrics 21 (1979). All columns of a target share one lambda, so the squares of their
-//! residuals are summed. Degree 0 has no penalty, so GCV doesn't depend on the mean of a column. The mean is
-//! subtracted, because the error of a solve is proportional to the norm of the column.
+//! Here x_lambda is the solution for the smoothness lambda, P is the penalty, H is the hat matrix, and N = A^T W A + P.
+//! The expected value E is estimated from a few probes z, which are vectors of independent signs (M. F. Hutchinson,
+//! Commun. Stat. Simul. 19, 1990). The same probes are used for every lambda, so that GCV is a smooth function of
+//! lambda, whose minimum can be searched for. G. H. Golub, M. Heath, G. Wahba, "Generalized cross-validation as a
+//! method for choosing a good ridge parameter", Technometrics 21 (1979). All columns of a target share one lambda, so
+//! the squares of their residuals are summed. Degree 0 has no penalty, so GCV doesn't depend on the mean of a column.
+//! The mean is subtracted, because the error of a solve is proportional to the norm of the column.
 //!
 //! For each of 23 values of lambda, conjugate gradients solve once for the columns of the target and the probes.
 

@@ -126,9 +126,10 @@ pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Mon
     Ok(found.report.shift == 0.0 && square.sqrt() <= MOST_LOST)
 }
 
-/// Solves for groups of columns in parallel, each to its own optimality. Groups that need a factor follow one after
-/// another. The result for a group is bit-identical to the result of [`solve_moments`] for this group only, unless a
-/// factor is computed. A computed factor is also used for the following groups.
+/// Solves for groups of columns in parallel. Each group is solved until its own optimality meets the stopping rules.
+/// Groups that need a factor follow one after another. The result for a group is bit-identical to the result of
+/// [`solve_moments`] for this group only, unless a factor is computed. A computed factor is also used for the following
+/// groups.
 ///
 /// # Errors
 ///

@@ -2,17 +2,17 @@
 //! elsewhere.
 //!
 //! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These data
-//! determine the solution, the weighted sum of squares of its residual,
+//! determine the solution, and the weighted sum of squares of its residual:
 //!
 //! ```text
 //! |W^(1/2) (f - A x)|^2 = sum w f^2 - x^T b - x^T (b - A^T W A x),
 //! ```
 //!
-//! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
-//! sample is unknown. Rounding errors of moments are a few eps times `sum w`, and no pass over the samples corrects
-//! these errors. If the condition number of A approaches 1e7, digits of the solution are lost. The residual's sum of
-//! squares is a difference with an error of a few eps times `sum w f^2`. If the mean of f is large, this error can
-//! exceed the difference; [`MomentProblem::lost`] detects this.
+//! The data also suffice for cross-validation and, with the Gram matrix from the same moments, for factors and standard
+//! errors. The residual at each sample is unknown. Rounding errors of moments are a few eps times `sum w`, and no pass
+//! over the samples corrects these errors. If the condition number of A approaches 1e7, digits of the solution are
+//! lost. The residual's sum of squares is a difference with an error of a few eps times `sum w f^2`. If the mean of f
+//! is large, this error can exceed the difference; [`MomentProblem::lost`] detects this.
 
 use std::f64::consts::PI;
 use std::ops::Range;

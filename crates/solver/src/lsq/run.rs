@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use ndarray::Array2;
 use spharm_monitor::{Level, Monitor};
-use spharm_transform::FINEST;
 
 use super::cg::{Cg, CgParams, Stop};
 use super::columns::dots;
-use super::limits::{COARSEST_MOMENT_ACCURACY, ITERATIONS_WITHOUT_GAIN, MOMENT_ACCURACY_PER_TOLERANCE};
+use super::cost::moment_accuracy;
+use super::limits::ITERATIONS_WITHOUT_GAIN;
 use super::plan::{Leave, Plan, Precondition, Step};
 use super::problem::{Moments, Problem};
 use super::progress::Progress;
@@ -205,11 +205,6 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
-    /// Returns the relative accuracy of moments that the tolerance requires.
-    pub(super) fn moment_accuracy(&self) -> f64 {
-        (MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance).clamp(FINEST, COARSEST_MOMENT_ACCURACY)
-    }
-
     /// Computes the moments of a fit, and the inverse of the density if the fit needs it. Returns the right-hand sides
     /// (K, c) of the targets if they were computed together with the moments.
     fn take_moments_of_fit(
@@ -218,7 +213,7 @@ impl LsqSolver<'_> {
         monitor: &dyn Monitor,
     ) -> Result<Option<Array2<f64>>, SolverError> {
         let started = Instant::now();
-        let right_sides = self.take_moments(self.moment_accuracy(), targets, monitor)?;
+        let right_sides = self.take_moments(moment_accuracy(self.params.tolerance), targets, monitor)?;
         // Compute the inverse of the density now, if it is needed, so that its time is included in `moment_seconds`.
         let _ = self.inverse_density();
         self.moment_seconds = started.elapsed().as_secs_f64();

@@ -31,7 +31,7 @@ impl LsqSolver<'_> {
         let (rows, rows_with_weight, max_degree) = (operator.rows(), self.rows_with_weight(), operator.max_degree());
         let cost = Cost { rows, rows_with_weight, max_degree, channels };
         let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance).max(FINEST);
-        self.moments = self.moments.take().filter(|moments| moments.accuracy <= accuracy);
+        let coarse = self.moments.take_if(|moments| moments.accuracy > accuracy);
         let makeable = self.available(Given::Targets(operator, targets)).moments == Moments::Makeable;
         if makeable && cost.paid_after() <= LEAST_ITERATIONS_OF_SEARCH {
             self.take_moments(accuracy, None, monitor)?;
@@ -40,7 +40,10 @@ impl LsqSolver<'_> {
         let centred = centred(targets, weights);
         let equations = NormalEquations { operator, weights, penalty: None };
         let sampled = Sampled { equations, targets: &centred, moments: self.moments.as_ref() };
-        search(&Samples(sampled), sampled.right_sides()?, monitor)
+        let chosen = search(&Samples(sampled), sampled.right_sides()?, monitor)?;
+        // Moments that are too coarse for the search may suffice for the fit.
+        self.moments = self.moments.take().or(coarse);
+        Ok(chosen)
     }
 }
 

@@ -9,6 +9,7 @@ use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::{Monitor, Stage};
 
 use super::cg::Stop;
+use super::cost::moment_accuracy;
 use super::factor::{MadeFactor, factorise_shifted};
 use super::moments::{MomentProblem, Summed};
 use super::normal_equations::NormalEquations;
@@ -176,11 +177,14 @@ impl<'a> LsqSolver<'a> {
     }
 
     /// Uses moments of an earlier solver for iterations. `normal` must be the normal matrix for the operator's
-    /// directions and degree, and for the weights of the parameters. Moments whose relative accuracy is insufficient
-    /// for the tolerance are ignored.
+    /// directions and degree, and for the weights of the parameters. The moments are ignored if their relative
+    /// accuracy is below [`moment_accuracy`], if the memory budget has no room for them, or if the strategy requires a
+    /// factor.
     #[must_use]
     pub fn with_made_moments(mut self, normal: Arc<MomentNormal>, accuracy: f64) -> Self {
-        if accuracy <= self.moment_accuracy() {
+        let fits = self.params.moment_bytes <= self.room();
+        let iterates = self.params.strategy != Strategy::Cholesky;
+        if accuracy <= moment_accuracy(self.params.tolerance) && fits && iterates {
             self.moments = Some(Moments { normal, accuracy });
         }
         self

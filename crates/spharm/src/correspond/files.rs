@@ -58,11 +58,11 @@ struct Member {
     version: u32,
     name: String,
     input: Option<FileRecord>,
-    /// Whether `to_group` is a mirror image.
+    /// Whether the similarity `to_group` includes a reflection.
     #[serde(default)]
     mirrored: bool,
-    /// Whether the surface was mirrored before it was aligned. `to_group` includes the reflection. In files of earlier
-    /// versions, `mirrored` has this value.
+    /// Whether the surface was mirrored before it was aligned; `to_group` includes this reflection. Files of earlier
+    /// versions lack this field and store its value in `mirrored`.
     #[serde(default)]
     mirrored_first: Option<bool>,
     /// Order of the axes in which a volume was read.

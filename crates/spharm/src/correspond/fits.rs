@@ -53,7 +53,7 @@ impl Fitted {
     /// Refines the correspondence by the group's statistics: each member's points move along its surface, are projected
     /// onto it and are fitted again. Returns a report and the number of flipped triangles of each member. Updates
     /// `reached`, which states for each point of each member whether it has a counterpart on the member's surface. The
-    /// corners of flipped triangles are marked as having none.
+    /// corners of flipped triangles are marked as having no counterpart.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -120,10 +120,10 @@ impl Fitted {
         Ok(turned)
     }
 
-    /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each of
-    /// these points is interpolated only from points marked in `reached`. A point is the model's value plus the
-    /// residual, which is interpolated linearly within triangles. If the flow is zero, points therefore don't move.
-    /// Linear interpolation of the points themselves would cause kinks.
+    /// Returns a member's points at the directions to which a flow carries the sphere's directions. Also returns, for
+    /// each of these points, whether it is interpolated only from points marked in `reached`. A point is the sum of the
+    /// model's value and the model's residual, which is interpolated linearly within triangles. Therefore points don't
+    /// move if the flow is zero. Linear interpolation of the points themselves would cause kinks.
     fn carried(
         &self,
         index: usize,

@@ -132,7 +132,8 @@ pub(super) enum Verdict {
 /// A pose computed from landmarks.
 pub(super) struct PoseByLandmarks {
     pub(super) similarity: Similarity,
-    /// The pose at one size, as in [`GroupPoses`](spharm_surface::pose::GroupPoses).
+    /// The pose at the template's size, as in
+    /// [`GroupPoses::at_one_size`](spharm_surface::pose::GroupPoses::at_one_size).
     pub(super) at_one_size: Option<Similarity>,
     /// Distance between the surfaces in this pose.
     pub(super) distance: f64,

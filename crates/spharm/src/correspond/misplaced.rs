@@ -44,7 +44,7 @@ pub enum LandmarkCause {
     /// A wrong pose of the member, or landmarks in another coordinate system: another pose brings its landmarks to
     /// their usual places.
     Pose,
-    /// Wrong names or positions of guiding landmarks: if they don't guide, they are far from their usual places.
+    /// Wrong names or positions of guiding landmarks, which are far from their places in a registration without them.
     Guiding,
 }
 

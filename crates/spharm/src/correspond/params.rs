@@ -95,11 +95,11 @@ impl CorrespondParams {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }
 
-    /// Checks that the settings don't request scaling or mirror images if given poses are kept.
+    /// Checks that the settings don't combine given poses with scaling or mirror images.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] if they do.
+    /// [`Error::Setting`] if given poses are kept, and scaling or mirror images are requested.
     pub fn check_poses(&self) -> Result<(), Error> {
         if self.keep_poses && (self.pose.scale || self.pose.mirror) {
             return Err(Error::Setting {

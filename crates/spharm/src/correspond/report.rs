@@ -148,7 +148,8 @@ impl CorrespondWarning {
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             Self::Pose(warning @ GroupPoseWarning::Doubtful { .. }) => format!(
-                "{}; guide the registration by landmarks or, if the given poses are right, search only near them",
+                "{}; guide the registration by landmarks or, if the given poses are right, search only near them \
+                 (pose near)",
                 warning.of_member()
             ),
             Self::Pose(warning) => warning.of_member(),

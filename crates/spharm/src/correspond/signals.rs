@@ -1,9 +1,10 @@
 //! Adds signals on the surfaces, such as thickness, to the channels of the refinement, which are positions and
 //! normals.
 //!
-//! For each corresponding point, a signal is interpolated at the nearest point of its surface. The result is fitted
-//! over the group's sphere. A signal is scaled so that its standard deviation over the area of all members is `weight`
-//! times the square root of the mean area. Differences of a signal are then comparable with distances.
+//! The value of a signal at a corresponding point is interpolated at the nearest point of the member's surface. These
+//! values are scaled, and fitted over the group's sphere. After scaling, a signal's standard deviation over the area of
+//! all members is its weight times the square root of the members' mean area. Differences of a signal are then
+//! comparable with distances.
 
 use std::fmt;
 use std::sync::Arc;

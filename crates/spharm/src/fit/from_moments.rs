@@ -49,8 +49,8 @@ pub struct MomentsReport {
     /// Root of the weighted mean squared residual of each channel, in the channel's unit; `None` if rounding errors
     /// hide the residual.
     pub rms: Vec<Option<f64>>,
-    /// Share of the sum `sum w f^2` of each channel that the model explains; `None` if rounding errors hide the
-    /// residual.
+    /// Share of `sum w f^2` that the model explains, for each channel, with weights w and values f of the samples;
+    /// `None` if rounding errors hide the residual.
     pub explained: Vec<Option<f64>>,
     /// Diameter of the largest cap without samples, in degrees. Its accuracy is limited by the resolution of the
     /// moments.

@@ -7,13 +7,12 @@ use std::time::Instant;
 use ndarray::{Array2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, PROBES, moments_pay};
+use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, PROBES, moment_accuracy, moments_pay};
 use spharm_solver::{
     DeferredOperator, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, StoredFactor,
     moment_gram, moment_gram_bytes, moment_normal,
 };
-use spharm_store::factor::{factors, open_factor};
-use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
+use spharm_store::WeightsHash;
 
 use super::batches::{Batch, PerTarget, Run, Solved};
 use super::by_channel::{merge_channels, merge_searches};
@@ -22,6 +21,7 @@ use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
 use super::planned::KeptMoments;
 use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, in_batches, note_solution, strategy};
+use super::stored_factor::stored_factor;
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
@@ -48,14 +48,16 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
-    // A planned sphere keeps its transforms and the moments of its last weights, which later fits use. Otherwise, the
-    // transforms and those of the moments are planned together if that saves time.
+    // A planned sphere already has transforms, and keeps the moments of its last weights for later fits. Without a
+    // planned sphere, the transforms for the fit and those for the moments are planned together if that saves time and
+    // memory suffices.
     let shared = job.planned.is_none()
         && moments_pay(n, params.max_degree, together * channels, params.tolerance)
         && moment_bytes <= plan.spare(together);
     let weights = job.weights.clone();
     let planned = job.planned.map(|planned| (planned, WeightsHash::of(weights.as_deref())));
-    let kept = planned.and_then(|(planned, weights)| planned.moments(weights));
+    let accuracy = moment_accuracy(params.tolerance);
+    let kept = planned.and_then(|(planned, weights)| planned.moments(weights, accuracy));
     let transforms = match job.planned {
         Some(planned) => Some(planned.operator()),
         None if shared => {
@@ -84,15 +86,16 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         if let Some(made) = &*moments {
             return Ok((Arc::clone(made), None));
         }
-        let (made, right_sides) = match transforms.as_ref().filter(|_| shared) {
-            Some(operator) => operator.moments(directions, weights.as_deref(), accuracy, targets)?,
-            None => (moment_normal(directions, weights.as_deref(), params.max_degree, accuracy)?, None),
+        let weights = weights.as_deref();
+        let (made, right_sides) = match (planned, transforms.as_ref().filter(|_| shared)) {
+            (Some((planned, hash)), _) => (planned.make_moments(weights, hash, accuracy)?, None),
+            (None, Some(operator)) => {
+                let (made, right_sides) = operator.moments(directions, weights, accuracy, targets)?;
+                (Arc::new(made), right_sides)
+            }
+            (None, None) => (Arc::new(moment_normal(directions, weights, params.max_degree, accuracy)?), None),
         };
-        let made = Arc::new(made);
         *moments = Some(made.clone());
-        if let Some((planned, weights)) = planned {
-            planned.keep(KeptMoments { weights, accuracy, normal: made.clone() });
-        }
         Ok((made, right_sides))
     };
     let equations = Equations {
@@ -371,45 +374,4 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
         monitor.note(Level::Info, text);
     }
     smoothness
-}
-
-/// Returns the factor in the store that matches this fit, or `None` if the store has none.
-fn stored_factor(
-    job: &Job<'_>,
-    smoothness: f64,
-    memory: usize,
-    warnings: &mut Vec<FitWarning>,
-    monitor: &dyn Monitor,
-) -> Result<Option<StoredFactor>, Error> {
-    job.params.store.as_deref().map(spharm_store::catalog::schemes).transpose()?;
-    // Factors in the store are computed with unscaled weights and smoothness, so a fit with scaled weights can't use
-    // them.
-    let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
-    let mut refused = None;
-    // Look for the scheme with either scalar type of the basis.
-    for scalar in [Scalar::F64, Scalar::F32] {
-        let spec = FactorSpec {
-            key: SchemeKey::of(&job.sphere.directions, scalar),
-            rows: job.sphere.directions.len(),
-            max_degree: job.params.max_degree,
-            weights: WeightsHash::of(job.weights.as_deref()),
-            smoothness,
-        };
-        // Skip this scalar type if the store has no folder or no factors for the scheme's basis of this type.
-        if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
-            continue;
-        }
-        match open_factor(store, &spec, None) {
-            Ok(file) => return Ok(Some(StoredFactor::new(file, memory, job.threads))),
-            Err(error) => refused = Some(error),
-        }
-    }
-    match refused {
-        Some(error) => warnings.push(FitWarning::FactorUnusable { reason: error.to_string() }),
-        None => {
-            let store = store.display();
-            monitor.note(Level::Info, format_args!("{store}: no Cholesky factor for this sphere; fitting without one"));
-        }
-    }
-    Ok(None)
 }

@@ -9,12 +9,13 @@
 //! integral over the surface  +  density (L / 6)^2 (pi / L)  sum over the seams' vertices  s |f(u) - x|^2
 //! ```
 //!
-//! with s a vertex's share of the seam's length on the sphere, and the density equal to the surface's weight per
-//! steradian. The sum corresponds to a strip along the seam with weight (L / 6)^2. The strip is as wide as the
-//! resolution of a model of degree L. At low degrees, a seam takes up a larger part of a model's degrees of freedom, so
-//! it gets a smaller weight. At L = 60, a model has enough functions that are large only at the seam. For a model of
-//! degree 60 of a double torus, the gap between the sides is 4.4e-3 of the bounding box's size without the added
-//! vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3 without and 1.26e-3 with them.
+//! with f(u) the model's value in a vertex's direction u, x the vertex's position, s half the length on the sphere of
+//! the vertex's edges along the seam, and the density equal to the surface's weight per steradian. The sum corresponds
+//! to a strip along the seam with weight (L / 6)^2. The strip is as wide as the resolution pi / L of a model of degree
+//! L. At low degrees, a seam takes up a larger part of a model's degrees of freedom, so it gets a smaller weight. A
+//! model of degree 60 has enough functions that are large only at the seam. For such a model of a double torus, the gap
+//! between the sides is 4.4e-3 of the bounding box's size without the added vertices and 6.0e-4 with them. The root
+//! mean square error at all vertices is 1.24e-3 without and 1.26e-3 with them.
 //!
 //! Points between the vertices aren't added. Triangles are chords of the surface, and a loop of their edges has a
 //! corner at each vertex. No model can follow these corners. If points between the vertices are added, the gap is
@@ -28,7 +29,7 @@ use ndarray::{Array2, ArrayView2, Axis};
 use spharm_surface::geometry::{dot, sub};
 use spharm_surface::{Seam, Sphere};
 
-/// In a fit of degree L, the strip of width pi / L along a seam has weight 1 if L is this degree, and otherwise weight
+/// Degree at which the strip along a seam has weight 1. In a fit of degree L, the strip has width pi / L and weight
 /// (L / 6)^2.
 const ONCE: f64 = 6.0;
 

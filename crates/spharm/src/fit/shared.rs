@@ -10,8 +10,8 @@ use spharm_solver::{SolverError, StoredFactor, Strategy};
 use crate::machine::{Exceeded, exceeded};
 use crate::{Error, FitParams, FitWarning, Preconditioner};
 
-/// A monitor for the fit of one of several targets. Its stages are shown as the status of the stage that counts
-/// targets.
+/// A monitor for the fit of one of several targets. Stages of this fit are shown as status notes of the enclosing
+/// stage, which counts targets.
 pub(crate) struct NestedMonitor<'a>(pub(crate) &'a dyn Monitor);
 
 impl Monitor for NestedMonitor<'_> {
@@ -59,7 +59,7 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     })
 }
 
-/// Returns a number with its noun.
+/// Returns a count followed by its noun, in the singular or plural.
 pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }

@@ -43,7 +43,7 @@ struct Nodal {
     sums: NodalSums,
     /// Total weight of the seams' vertices.
     of_seam: f64,
-    /// Bytes of the patches of the grid that are kept between batches.
+    /// Bytes of the patches of the grid that [`NodalSums::keep`] stores for all batches; 0 if none are stored.
     kept: usize,
 }
 

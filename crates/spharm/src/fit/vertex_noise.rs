@@ -1,25 +1,28 @@
 //! Computes the results that depend on the noise of a surface's vertices: the smoothness by cross-validation, and
 //! standard errors.
 //!
-//! The data of a surface are its vertices; samples between the vertices are interpolated and contain no further
-//! information. Therefore noise is modelled as independent noise of equal variance at the vertices. S is the
-//! interpolation from the vertices to the samples, A the basis at the samples, W the weights of the samples, N the
-//! normal matrix, and A_v the basis at the vertices. The fit of values y is `x = N^-1 A^T W S y`, and its model at the
-//! vertices is `H y = A_v x`.
+//! The data of a surface are its n fitted vertices; samples between the vertices are interpolated and contain no
+//! further information. Therefore noise is modelled as independent noise of equal variance sigma^2 at the vertices. S
+//! is the interpolation from the vertices to the samples, A the basis at the samples, W the weights of the samples, N
+//! the normal matrix, and A_v the basis at the vertices. The fit of values y is `x = N^-1 A^T W S y`, and its model at
+//! the vertices is `H y = A_v x`. The score of generalised cross-validation (GCV) for the smoothness lambda, and the
+//! standard error sd(x_k) of coefficient k, are
 //!
 //! ```text
 //! GCV(lambda) = n |y - H y|^2 / (n - tr H)^2,   sd(x_k)^2 = sigma^2 (N^-1 A^T W S S^T W A N^-1)_kk
 //! sigma^2 = |y - H y|^2 / (n - tr H)
 //! ```
 //!
-//! `tr H` and the diagonal entries (kk) are estimated by fits of independent signs z at the vertices. The expectation
-//! is `E z^T H z = tr H`, and the mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat.
-//! Simul. 19, 1990). With 256 fits, standard errors are within 4.4 % (one standard deviation).
+//! `tr H` and the diagonal entries (kk) are estimated by fits of independent random signs z at the vertices. The
+//! expectation of `z^T H z` is `tr H`, and the expectation of `x_k^2` is the k-th diagonal entry (M. F. Hutchinson,
+//! Commun. Stat. Simul. 19, 1990). With 256 fits, the estimated standard errors have a relative standard deviation of
+//! 4.4 %.
 //!
 //! A standard error is the standard deviation over repeated measurements. Standard errors don't include the bias of a
-//! smoothness penalty. The penalties by degree P of a denoised fit are the inverse variances of a prior, relative to
-//! sigma^2. The bias that they cause has the covariance `sigma^2 N^-1 P N^-1`. The standard errors of a denoised fit
-//! include this bias: independent signs times `P^(1/2)` are added to the right-hand sides.
+//! smoothness penalty. The penalties of a denoised fit, one per degree, form the diagonal matrix P. They are sigma^2
+//! divided by the variances of a prior. The bias that they cause has the covariance `sigma^2 N^-1 P N^-1`. The standard
+//! errors of a denoised fit include this bias: independent random signs times `P^(1/2)` are added to the right-hand
+//! sides.
 
 use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, s};
 use spharm_harmonics::basis_size;

@@ -4,9 +4,9 @@
 //! holds the recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n.
 //! Degrees are built in groups. All files of a group are open at the same time. While one group is computed, the files
 //! of the previous group are synced to disk and given their final names. A build that is killed thus loses at most the
-//! last three groups; a build that fails still publishes the groups that have been computed. As a disadvantage, each
-//! group repeats the recurrence for all degrees below the group. This repetition costs a quarter as much as computing
-//! the files of these degrees.
+//! last three groups; a build that fails still publishes the groups that have been computed. The disadvantage of groups
+//! is that each group repeats the recurrence for all degrees below it. This repetition costs a quarter as much as
+//! computing the files of these degrees.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -38,7 +38,8 @@ pub struct BuildReport {
     pub present: usize,
     /// Total size in bytes of the files written by this build.
     pub bytes_written: u64,
-    /// Total size in bytes of all files of degrees 0 to the highest.
+    /// Total size in bytes of the files of all degrees from 0 to [`BuildParams::max_degree`], including files that
+    /// existed before the build.
     pub bytes: u64,
     /// Number of rows per chunk.
     pub chunk_rows: usize,
@@ -151,9 +152,9 @@ impl Published {
         folder::sync(folder)
     }
 
-    /// Publishes all groups from a queue. After an error, sets `failed` and waits for the end of the queue. By then the
-    /// computation has removed its unfinished files, which may have filled the disk. Then publishes the remaining files
-    /// and returns the error.
+    /// Publishes all groups from a queue. If publishing fails, sets `failed`, and waits until the computation has
+    /// closed the queue. By that time, the computation has removed its unfinished files, which may have filled the
+    /// disk. The remaining finished files are then published, and the error is returned.
     fn publish_all(
         mut self,
         folder: &Path,
@@ -301,7 +302,7 @@ mod tests {
 
     use super::*;
 
-    /// If a file can't be published, the other computed files are published.
+    /// If a file can't be published, the other computed files are still published.
     #[test]
     fn finished_files_are_published_after_an_error() {
         let folder = tempfile::tempdir().unwrap();

@@ -143,8 +143,8 @@ impl Scheme {
     }
 }
 
-/// Checks that a file has the requested scheme, degree and number of rows, and the scalar type and chunk size of degree
-/// 0.
+/// Checks that a file has the requested scheme, degree and number of rows. If `first` is given, also checks that the
+/// file has the same scalar type and the same number of rows per chunk as `first`, the header of degree 0.
 fn check(
     file: &DegreeFile,
     key: SchemeKey,

@@ -11,11 +11,11 @@ use crate::error::StoreError;
 use crate::folder;
 use crate::scheme::SchemeKey;
 
-/// Differences of coordinates below this value are ascribed to rounding.
+/// Differences between coordinates are ascribed to rounding if they are below this value.
 const ROUNDING: f64 = 1e-6;
 
 /// Returns the first of the schemes `keys` whose directions equal `directions` up to rounding, and the largest
-/// difference of their coordinates. Schemes that can't be read are skipped.
+/// difference between their coordinates. Schemes that can't be read are skipped.
 pub(super) fn near(store: &Path, keys: &[SchemeKey], directions: &Directions) -> Option<(SchemeKey, f64)> {
     keys.iter().find_map(|&key| Some((key, difference(store, key, directions).ok().flatten()?)))
 }

@@ -22,7 +22,8 @@ pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
 /// Number of groups that a large build is divided into.
 const GROUPS: u64 = 8;
-/// In a small build, a group of files is complete when the files have this total size in bytes before compression.
+/// Minimum total size of the files of a group, in bytes before compression. Small builds are therefore divided into
+/// fewer groups than large ones. The last group, and groups of `MOST_FILES` files, may be smaller.
 const SMALLEST_GROUP: u64 = 256 << 20;
 /// Maximum number of files in a group.
 const MOST_FILES: usize = 256;

@@ -94,8 +94,8 @@ impl FactorWriter {
         self.file.write_part(at, self.offsets[at], bytes, bytes.len(), Codec::Raw)
     }
 
-    /// Returns the offset of a tile in the scratch file. It is twice the tile's offset among the parts of the f32 file,
-    /// because f64 values are twice as large.
+    /// Returns the offset of a tile in the scratch file, in bytes. This offset is twice the distance of the tile from
+    /// the first tile in the f32 file, because f64 values are twice as large.
     fn scratch_offset(&self, at: usize) -> u64 {
         2 * (self.offsets[at] - HEADER_LEN as u64)
     }

@@ -3,13 +3,14 @@
 //! Vertex i is the image of vertex i of the icosphere under a smooth one-to-one map of space. The map has two parts:
 //!
 //! 1. *Folds.* A point of the sphere moves along its radius to the distance 1 - d / (1 + (w / s)^2) from the centre,
-//!    where w is a sum of plane waves cos(k_j . x + p_j) of nearly the same wavelength. The zeros of w are winding
-//!    lines about half a wavelength apart. They become furrows of depth d, with broad ridges between the furrows. Since
-//!    the radius is a positive function on the sphere, the surface is embedded.
-//! 2. *Shears* x -> x + a sin(k . x + p) e, with e perpendicular to k, are applied from long to short wavelengths. A
-//!    shear is a smooth map of space that preserves volume and has a smooth inverse (the shear with -a instead of a),
-//!    so the surface stays embedded. The shears tilt the furrows until walls overhang and the surface is no longer
-//!    star-shaped about any point.
+//!    where d is the depth of the furrows, s their width, and w a sum of plane waves cos(k_j . x + p_j) of nearly the
+//!    same wavelength, with wave vectors k_j and phases p_j. The zeros of w are winding lines about half a wavelength
+//!    apart. These lines become furrows, with broad ridges between them. Since the radius is a positive function on the
+//!    sphere, the surface is embedded.
+//! 2. *Shears* x -> x + a sin(k . x + p) e, with amplitude a, wave vector k, phase p, and a unit vector e perpendicular
+//!    to k, are applied from long to short wavelengths. A shear is a smooth map of space that preserves volume and has
+//!    a smooth inverse (the shear with -a instead of a), so the surface stays embedded. The shears tilt the furrows
+//!    until walls overhang and the surface is no longer star-shaped about any point.
 //!
 //! Finally the surface is scaled along each axis to the extents of an adult's cerebrum.
 //!

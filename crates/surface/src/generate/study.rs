@@ -1,10 +1,10 @@
 //! Generates the surfaces of a study: subjects of two groups that differ by a bump of known position and height.
 //!
-//! A subject is an elongated body, about 40 mm long: `r(u) = 1 + sum a_k cos(k . u + p_k)` over the unit sphere, with
-//! waves that differ from subject to subject. The body is stretched along its axes, bent, and moved by a random
-//! rotation and translation. In the second group, the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))`
-//! around a fixed position. The triangles are those of an icosphere and don't depend on the pose. No sphere is
-//! returned.
+//! A subject is an elongated body, about 40 mm long. Before the body is stretched, its radius in direction u is `r(u) =
+//! 1 + sum a_k cos(k . u + p_k)`, with wave vectors k, amplitudes a_k and phases p_k that differ from subject to
+//! subject. The body is stretched along its axes, bent, and moved by a random rotation and translation. In the second
+//! group, the surface is moved outwards by `bump exp(-angle^2 / (2 width^2))`, with `angle` the angle between u and the
+//! bump's fixed direction. The triangles are those of an icosphere and don't depend on the pose. No sphere is returned.
 
 use super::icosphere;
 use super::random::SplitMix64;

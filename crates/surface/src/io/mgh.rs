@@ -112,7 +112,7 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io
     let count = |n: usize| {
         i32::try_from(n).map_err(|_| {
             io::Error::other(
-                "MGH files hold at most 2^31 - 1 vertices and channels; write the values as .func.gii instead",
+                "MGH files hold at most 2^31 - 1 vertices, and as many channels; write the values as .func.gii instead",
             )
         })
     };

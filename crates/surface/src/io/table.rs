@@ -198,10 +198,10 @@ pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
     }
 }
 
-/// Returns the first row of a table of two columns if the cells of a row look like the digits before and after a
-/// decimal comma, as in `2,5000`. All cells must be whole numbers. In the second column, a number must have a leading
-/// zero, or all numbers must have the same length, which is at least [`DECIMALS`]. Returns `None` if all numbers of the
-/// first column have the same length of at least [`DECIMALS`], too, because the columns are then two channels.
+/// Returns the first row of a table of two columns if each row may be a single number with a decimal comma, as in
+/// `2,5000`. For this, all cells must be whole numbers. In the second column, at least one number must have a leading
+/// zero, or all numbers must have the same length of at least [`DECIMALS`]. Returns `None` if all numbers of the first
+/// column have the same length of at least [`DECIMALS`], because the columns are then two channels.
 fn decimal_commas(bytes: &[u8]) -> Option<String> {
     let (mut zero, mut same, mut lengths) = (false, [true; 2], None);
     for (_, line) in lines(bytes).filter(|(_, line)| !is_blank(line, b',')) {

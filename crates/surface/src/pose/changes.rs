@@ -18,8 +18,8 @@ const CHANGED_STEPS: usize = 3;
 /// A half-turn is applied to a member if it reduces the member's distance from the others by more than this factor.
 const MUCH_NEARER: f64 = 1.5;
 /// If a member fits the others after a half-turn about as well as after a reflection, the member equals its mirror
-/// image, and its pose is wrong by a half-turn. The distance after the half-turn may be up to this multiple of the
-/// distance after the reflection.
+/// image, and its pose is wrong by a half-turn. This is assumed if the distance after the half-turn is at most this
+/// multiple of the distance after the reflection.
 const TURNED: f64 = 1.03;
 
 impl Group<'_> {

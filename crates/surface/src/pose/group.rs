@@ -28,8 +28,8 @@ pub const OTHERS: usize = 8;
 const ROUNDS: usize = 5;
 /// In the rounds in which members move towards each other, the excluded share of the area is [`PoseParams::trimmed`]
 /// times this factor. The factor is less than 1, since parts in which members differ most, such as the tips of
-/// processes, aren't necessarily outliers. After alignment with this factor, landmarks of vertebrae have 1.14 times the
-/// residual of a fit to the landmarks themselves. With a factor of 1, this ratio would be 1.25.
+/// processes, aren't necessarily outliers. After alignment with this factor, the residual of the landmarks of vertebrae
+/// is 1.14 times the residual after a fit to the landmarks themselves. With a factor of 1, this ratio would be 1.25.
 const OUTLYING: f64 = 0.25;
 /// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;

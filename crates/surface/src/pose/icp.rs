@@ -1,16 +1,17 @@
 //! Improves a motion by iterative closest points, in both directions.
 //!
-//! Let x = scale Q p + t for a point p of the moving surface, and let q be its partner on the fixed surface. n is the
-//! normal at the point of the pair that was found by searching for the nearest point. The normal at p is rotated by Q.
-//! A round minimises
+//! Each point of either surface is paired with the nearest point of the other surface. Let p be the point of a pair on
+//! the moving surface, x = scale Q p + t its position after the motion, and q the point of the pair on the fixed
+//! surface. n is the unit normal at the nearest point that was found: either the normal at q, or the normal at p,
+//! rotated by Q. A round minimises
 //!
 //! ```text
 //! sum_pairs (n . (x - q))^2 + tangential |x - q|^2
 //! ```
 //!
 //! over small motions by one Gauss-Newton step. The first term is the point-to-plane distance (Y. Chen and G. Medioni,
-//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a small
-//! weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). The second term determines
+//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term, with the
+//! small weight `tangential`, is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). It determines
 //! motions that the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of
 //! all distances are excluded from a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
@@ -55,7 +56,7 @@ struct Pair {
     place: Vec3,
     /// The vector from the fixed surface's point to the moving surface's point.
     off: Vec3,
-    /// The unit normal at one of the pair's two points: at the point that was found as the nearest to the other.
+    /// The unit normal at the point that was found as the nearest to the other point of the pair.
     normal: Vec3,
     /// The squared distance of the pair.
     square: f64,

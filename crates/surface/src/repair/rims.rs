@@ -14,9 +14,9 @@ pub const LARGEST_FAN: usize = 32;
 /// Largest distance at which vertices of rims are welded, as a fraction of the mesh's size. The size is the diagonal of
 /// the mesh's bounding box, or twice the diagonal of the box around its [`bulk`], if that is smaller.
 pub const WELDING_DISTANCE: f64 = 1e-5;
-/// Vertices of rims are welded if their distance is at most [`WELDING_DISTANCE`] and at most this fraction of the
-/// shortest rim edge that is longer than [`WELDING_DISTANCE`]. Welding therefore loses only triangles with edges
-/// shorter than [`WELDING_DISTANCE`].
+/// Vertices of rims are welded if their distance is at most [`WELDING_DISTANCE`], and at most this fraction of the
+/// length of the shortest rim edge. Rim edges no longer than [`WELDING_DISTANCE`] are ignored in this comparison.
+/// Welding therefore loses only triangles with edges shorter than [`WELDING_DISTANCE`].
 const NEAR_OF_EDGE: f64 = 0.25;
 /// Share of the area that may lie beyond each side of the box around the bulk of a mesh.
 const OUTSIDE: f64 = 0.01;

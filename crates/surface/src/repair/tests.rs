@@ -261,7 +261,7 @@ fn fins_go_from_a_body_with_a_hole() {
 /// Two edges of the rim are in line with the mean of its vertices, where a fan would have triangles without area.
 #[test]
 fn a_hole_with_edges_in_line_with_its_middle_gets_no_triangles_without_area() {
-    // A grid of 8 x 8 squares on each side of a cube, with two triangles each.
+    // Each side of a cube is a grid of 8 x 8 squares, with two triangles per square.
     let mut mesh = Mesh::new(Vec::new(), Vec::new());
     for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
         for (i, j) in (0..8).flat_map(|i| (0..8).map(move |j| (i, j))) {

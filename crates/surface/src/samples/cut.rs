@@ -73,9 +73,9 @@ impl Cut {
     }
 }
 
-/// Estimates how near a large triangle comes to the sphere's centre, from a few of its points. Samples of such a
-/// triangle are farther apart on the sphere than on the triangle. Returns at least 0.1, and 1 for triangles that aren't
-/// large.
+/// Estimates the distance of a large triangle from the centre of the unit sphere, from a few points of the triangle.
+/// Samples of such a triangle are farther apart on the sphere than on the triangle. Returns at least 0.1, and 1 for
+/// triangles that aren't large.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
     /// A triangle is large if it comes nearer to the sphere's centre than this distance. Triangles with edges of about
     /// 50 degrees reach this distance.
@@ -95,8 +95,8 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// distance from the apex, because the triangle's width is proportional to s. The nodes are the roots of the polynomial
 /// `s^2 + b s + c` that is orthogonal to 1 and s. Half of each weight is returned, because each node gives two samples.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // Moments are taken about the layer's middle, which avoids cancellation: s = middle + half u. The weight of du is
-    // s.
+    // m_k is the integral of s u^k du from -1 to 1, with s = middle + half u. These moments about the layer's middle
+    // avoid cancellation. In terms of u, the polynomial is u^2 + b u + c.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;

@@ -1,15 +1,24 @@
 //! Computes the tables of a Gram matrix: the Legendre functions and the measure's Fourier coefficients on the rings.
 //!
-//! On ring j, with its Gauss weight g_j, for |k| <= 2L and a parity q of the moments' degree,
+//! The measure is `S = sum s_{l,m} S_{l,m}`, with the moments `s_{l,m}` (see [`gram`](super)). `S^q` is the part of
+//! this sum over the degrees l of parity q. With the Gauss weight g_j of ring j, and for |k| <= 2L, the Fourier
+//! coefficients are
 //!
 //! ```text
-//! c_k^q(j) = 1/2 g_j integral of S^q(theta_j, phi) cos(k phi) d phi,   d_k^q(j) the same with sin(k phi),
+//! c_k^q(j) = 1/2 g_j integral of S^q(theta_j, phi) cos(k phi) d phi
+//! d_k^q(j) = 1/2 g_j integral of S^q(theta_j, phi) sin(k phi) d phi
 //! ```
 //!
-//! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
-//! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
-//! No grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror image (see
-//! [`gram`](super)), so the northern rings have twice the weight.
+//! With `P_{l,k}(theta) = S_{l,k}(theta, 0)` and sums over the degrees l of parity q, the integrals are
+//!
+//! ```text
+//! c_k^q(j) = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)     d_k^q(j) = pi/2 g_j sum_l s_{l,-k} P_{l,k}(theta_j)    (k > 0)
+//! c_0^q(j) = pi g_j sum_l s_{l,0} P_{l,0}(theta_j)       d_0^q(j) = 0
+//! c_{-k}^q(j) = c_k^q(j)                                 d_{-k}^q(j) = -d_k^q(j)
+//! ```
+//!
+//! Therefore no grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror
+//! image (see [`gram`](super)), so the rings north of the equator have twice the weight.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};

@@ -3,15 +3,16 @@
 //! `A^T diag(w) A` multiplies by the density S of the weights and projects to degrees up to L. If S varies on a larger
 //! scale than functions of degree L, the inverse divides by S. On irregular samplings S itself is rough at the scale of
 //! degree L, but the operator effectively sees S smoothed at that scale, `S~ = sum exp(-(c l / L)^2 / 2) s_{lm}
-//! S_{lm}`. With a lower bound on S~ and quadrature weights q,
+//! S_{lm}`. Here c is the constant `SMOOTHING`. With a lower bound on S~, the basis `A_g` on a quadrature grid and the
+//! grid's weights q, the matrix
 //!
 //! ```text
 //! M = A_g^T diag(q_g / S~(g)) A_g
 //! ```
 //!
 //! is symmetric and positive definite. A preconditioner needn't be exact, so M has a grid of 5/4 L rings instead of 2L,
-//! and takes about half the time of a product with the operator. Iterations of conjugate gradients to 1e-10, without
-//! and with M:
+//! and takes about half the time of a product with the operator. Numbers of iterations of conjugate gradients to a
+//! tolerance of 1e-10, without and with M:
 //!
 //! | samples | without | with |
 //! |---|--:|--:|

@@ -340,8 +340,9 @@ impl RingGrid {
 }
 
 impl RingPair {
-    /// Returns the spectrum of the pair at m and -m, from even and odd sums of cosines and sines, `[even cosine, even
-    /// sine, odd cosine, odd sine]`.
+    /// Returns the Fourier coefficients m and -m of `north + i south`, where `north` and `south` are the values on the
+    /// two rings. The arguments are the Legendre sums of order m over even and over odd `l - m`, for the harmonics with
+    /// cos(m phi) and those with sin(m phi): `[even cosine, even sine, odd cosine, odd sine]`.
     #[inline(always)]
     fn spectrum(&self, m: usize, [even_cosine, even_sine, odd_cosine, odd_sine]: [f64; 4]) -> [Complex64; 2] {
         let north = Complex64::new(even_cosine + odd_cosine, -even_sine - odd_sine);

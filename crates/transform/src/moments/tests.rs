@@ -108,7 +108,7 @@ fn high_degrees_agree_with_transforms() {
     }
 }
 
-/// All directions are near a pole, where an error in the trimmed orders has the largest effect.
+/// All directions are near a pole, where skipping an order that isn't negligible has the largest effect.
 #[test]
 fn caps_around_the_poles_agree_with_transforms() {
     let (degree, n) = (150, 20_000);
@@ -139,8 +139,8 @@ fn the_uniform_measure_is_the_identity() {
     }
 }
 
-/// Multiplication by z, whose only moment is that of degree 1, couples degree l with l - 1 and l + 1. The coupling of
-/// l with l - 1 at order m is `sqrt((l^2 - m^2) / (4 l^2 - 1))`.
+/// The operator of the density z, whose only nonzero moment has degree 1, multiplies functions by z. This couples
+/// degree l with l - 1 and l + 1. The coupling of l with l - 1 at order m is `sqrt((l^2 - m^2) / (4 l^2 - 1))`.
 #[test]
 fn a_density_of_z_couples_neighbouring_degrees() {
     let degree = 400;

@@ -45,8 +45,8 @@ impl Kernels {
     }
 }
 
-/// Adds the first `count` kernels to consecutive rows of a piece. The first of these rows is row `first_row` of the
-/// strip, and `places` has each row's index in `values`.
+/// Adds the first `count` of the kernels to consecutive rows of a node's piece (see the [module](self)). The i-th of
+/// these rows is row `first_row + i` of the strip of the grid, and is stored in `values` at index `places[i]`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_kernels(
     kernels: &Kernels,

@@ -8,7 +8,7 @@ use crate::grid::Layout;
 use crate::lanes::{fused, load};
 
 /// Multiplies each patch by the values of its node, and adds the products to the rows of a strip of the grid. Each node
-/// has `stride` values, of which the first belong to the layout's channels.
+/// has `stride` values. The first of these are the values of the layout's channels.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, values: &[f64], stride: usize) {
     for tile in &patches.tiles {
@@ -38,8 +38,8 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
     }
 }
 
-/// For each of C channels, sums `factors` times the channel's value over the nodes, and adds the sum to the channel's
-/// line of the grid. Returns C.
+/// For each of C channels, sums the products of each node's `factors` and the node's value in this channel, and adds
+/// the sum to the channel's line of the grid. Returns C.
 #[inline(always)]
 fn product<const W: usize, const C: usize, const FMA: bool>(
     layout: Layout,

@@ -6,7 +6,7 @@ fn pairs(n: usize, exchange: Exchange) -> Blocks {
     Blocks::new((0..2 * n).map(|i| i / 2), exchange)
 }
 
-/// Returns the paired t test as a design: an effect, and a column for each pair.
+/// Returns the design of a paired t test: a column for the effect, and a column for each of the n pairs.
 fn paired(n: usize) -> Design {
     let x = Array2::from_shape_fn((2 * n, n + 1), |(i, k)| match k {
         0 => 0.5 - (i % 2) as f64,
@@ -182,7 +182,7 @@ fn rows_of_blocks_may_be_in_any_order() {
     assert_eq!((a.relabellings, a.exact, &a.p, &a.pointwise), (b.relabellings, b.exact, &b.p, &b.pointwise));
 }
 
-/// Ten subjects of three rows, whose slopes differ between subjects by `spread`.
+/// Returns a study of ten subjects with three rows each. The subjects' slopes differ in proportion to `spread`.
 fn growth(spread: f64) -> (Design, Array2<f64>, Blocks) {
     let (own, errors) = (noise(10, 40, 31), noise(30, 40, 7));
     let start = noise(10, 1, 3);
@@ -203,7 +203,7 @@ fn slopes_that_differ_between_blocks_are_warned_of() {
     let found = warnings(2.0);
     assert!(matches!(found[..], [TestWarning::UnequalEffects { f, p }] if f > 3.0 && p < 1e-3), "{found:?}");
     assert!(warnings(0.0).is_empty(), "{:?}", warnings(0.0));
-    // Two rows of a block don't show whether effects differ.
+    // Blocks of two rows don't show whether effects differ between blocks.
     let params = TestParams { blocks: Some(pairs(7, Exchange::Within)), ..TestParams::default() };
     let found = test(noise(14, 9, 5).view(), 1, &paired(7), &Contrast::column(8, 0), &params, &Silent).unwrap();
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);
@@ -220,7 +220,7 @@ fn whole_blocks_of_different_sizes_are_refused_by_their_sizes() {
 
 #[test]
 fn blocks_of_different_sizes_without_an_effect_between_them_are_refused_for_the_effect() {
-    // The effect is the visit, which is equal in all blocks.
+    // The effect is the visit, which is 1 in one row of every block and 0 in the other rows.
     let visit = Array2::from_shape_fn((15, 1), |(i, _)| f64::from(if i < 9 { i % 3 == 1 } else { (i - 9) % 2 == 1 }));
     let design = Design::groups(&[15]).unwrap().with_covariates(visit.view(), &[]).unwrap();
     let blocks = Blocks::new((0..15).map(|i| if i < 9 { i / 3 } else { 3 + (i - 9) / 2 }), Exchange::Whole);

@@ -76,7 +76,8 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     let contrast = Contrast::row(&[1.0, -1.0, 0.0]);
     let found = test(y.view(), 1, &design, &contrast, &without_permutations(), &Silent).unwrap();
     assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { remedy: Some(Remedy::VarianceGroups), .. }]));
-    // The groups may also be more than two, or the values of a number.
+    // There may also be more than two groups, and groups may be defined by a column of numbers with two distinct
+    // values.
     let three = Design::groups(&[6, 10, 8]).unwrap();
     let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };
     let code = Array2::from_shape_fn((24, 1), |(i, _)| f64::from(i < 6));
@@ -92,7 +93,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
         };
         assert_eq!(wide, name);
     }
-    // The slope of a continuous effect has no groups.
+    // A continuous effect defines no groups, so there is no warning.
     let slope = Design::groups(&[24]).unwrap().with_covariates(age.view(), &[]).unwrap();
     let found = test(y.view(), 1, &slope, &Contrast::column(2, 1), &without_permutations(), &Silent).unwrap();
     assert!(found.warnings.is_empty(), "{:?}", found.warnings);

@@ -1,6 +1,6 @@
-//! Generates boxes with bumps. A box is a superellipsoid `sum |x_i / h_i|^p = 1`. A direction is mapped to the point of
-//! the superellipsoid in that direction. A bump `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` is
-//! added along z on the upper half.
+//! Generates boxes with bumps. A box is a superellipsoid `sum |x_i / h_i|^p = 1` with half extents h_i and power p. A
+//! direction is mapped to the point of the superellipsoid in that direction. On the upper half (z > 0), a bump centred
+//! at x = t, y = s adds `height (z / h_z)^4 exp(-((x - t)^2 + (y - s)^2) / (2 width^2))` to z.
 
 use crate::geometry::{Vec3, scale};
 

@@ -68,7 +68,8 @@ fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
 
 /// Returns the point of the rod for a direction u. The plane perpendicular to x through this point divides the rod's
 /// area, before flattening, in the same proportion as the plane perpendicular to x through u divides the sphere's area.
-/// The area of a zone of width dx is `2 pi r dx` on both the shaft's end and the knob.
+/// On the shaft, including its rounded end, and on the knob, the area of a zone of width dx is `2 pi r dx`, with r the
+/// radius of the shaft or of the knob.
 pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
     let all = first + KNOB * (length + KNOB - from);

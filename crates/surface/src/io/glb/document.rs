@@ -91,7 +91,8 @@ pub(super) struct SparsePart {
     pub(super) buffer_view: usize,
     #[serde(default)]
     pub(super) byte_offset: u64,
-    /// Number type of the indices. It is absent for values, which have the type of their accessor.
+    /// Number type, if this part has the indices of a sparse accessor. It is absent if this part has the values,
+    /// because these have the accessor's own number type.
     #[serde(default)]
     pub(super) component_type: u64,
 }

@@ -31,7 +31,7 @@ pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Triangles) -> 
         6 => triangle_strip(corners, faces),
         7 => polygon(corners, faces),
         8 => {
-            // A pixel lists its corners row by row.
+            // VTK's cell type `pixel` has four corners, which are listed row by row.
             let &[a, b, c, d] = corners else { return sized(kind, corners, 4) };
             polygon(&[a, b, d, c], faces)
         }

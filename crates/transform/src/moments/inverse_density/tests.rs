@@ -41,9 +41,9 @@ fn a_density_that_varies_slowly_is_inverted() {
     assert!(off(&found, &x) < 2e-3, "{:e}", off(&found, &x));
 }
 
-/// Returns the ratio of the extreme eigenvalues of `operator`, which bounds the number of iterations. The eigenvalues
-/// are computed by power iterations: with the operator, and with the difference between the operator's largest
-/// eigenvalue and the operator.
+/// Returns the ratio of the extreme eigenvalues of `operator`, which bounds the number of iterations. Both eigenvalues
+/// are computed by power iterations. The largest eigenvalue is that of `operator` itself. The smallest follows from the
+/// largest eigenvalue of `top I - operator`, where `top` is the largest eigenvalue of `operator`.
 fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
     let largest = |of: &dyn Fn(&Array2<f64>) -> Array2<f64>| {
         let mut x = numbers(3, size, 1);
