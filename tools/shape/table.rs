@@ -254,7 +254,7 @@ pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>
         let row = row(model)?;
         if let Some(other) = taken.insert(row, model) {
             bail!(
-                "{} and {} have the same row; write the models' paths in the table",
+                "{} and {} match the same row of the table; write the models' paths in it",
                 other.display(),
                 model.display()
             );

@@ -37,8 +37,7 @@ fn size(model: &Path) -> Result<Option<[f64; 3]>> {
     }))
 }
 
-/// Returns a warning if most subjects of one level have voxels of another size than most subjects of another level.
-/// `levels` has the level of each row.
+/// Returns a warning if the usual size of voxels differs between two levels. `levels` has the level of each row.
 pub(super) fn differ(test: &str, rows: &[&Row], levels: &[String], sizes: &Sizes<'_>) -> Option<String> {
     let mut usual: Vec<(&str, [f64; 3])> = Vec::new();
     for level in levels {

@@ -89,8 +89,8 @@ fn apart(pieces: usize) -> ParametrizeError {
     }
 }
 
-/// Returns whether triangles are wound consistently: no two triangles have an edge in the same direction. This check
-/// takes much less time than computing a [`Topology`].
+/// Returns whether triangles are wound consistently: no two triangles run along a shared edge in the same direction.
+/// This check takes much less time than computing a [`Topology`].
 fn is_consistent(faces: &[[u32; 3]]) -> bool {
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     edges.sort_unstable();

@@ -246,7 +246,7 @@ pub enum ParametrizeError {
     /// The mesh encloses no voxel of the grid that is laid around it for a wrap.
     #[error(
         "the mesh encloses no voxel of a grid with {voxels} voxels along the longest side; a wrap needs a mesh that \
-         encloses a body, perhaps with holes in the mesh; use more voxels for a thin body"
+         encloses a body (the mesh may have holes); if the body is thin, use more voxels"
     )]
     NothingToWrap {
         /// Number of voxels along the longest side.

@@ -47,9 +47,9 @@ pub(crate) fn step(size: f64) -> usize {
     size.ceil() as usize
 }
 
-/// Breaks text into lines that fit into a panel of a given width, between words, or within a word that is wider than
-/// the panel. If there are more than [`LINES`] lines, the middle of the text is left out. Without a resolution in dots
-/// per inch, returns the text as a single line.
+/// Breaks text into lines that fit into a panel of `width` pixels. Lines break between words; a word that is wider than
+/// the panel is broken itself. If there are more than [`LINES`] lines, the middle of the text is left out. Without a
+/// resolution in dots per inch, returns the text as a single line.
 pub(crate) fn lines_of(text: &str, size: f64, width: usize, dpi: Option<u16>) -> Vec<String> {
     if dpi.is_none() {
         return vec![text.to_owned()];

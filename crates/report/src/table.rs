@@ -1,4 +1,4 @@
-//! Writes text tables as HTML, which the page's script can sort.
+//! Writes tables of text as HTML tables that the page's script can sort.
 
 use crate::ReportError;
 use crate::text::{escape, name};

@@ -50,10 +50,10 @@ pub enum ProcrustesWarning {
     },
     /// The lengths of a member seem to be in another unit than the lengths of the others.
     Unit(OtherUnit),
-    /// A member's mirror image is nearer to the other members than the member itself. The other members are nearer to
-    /// each other without mirroring. The member may therefore be from the other side. A mirrored member usually isn't
-    /// detected if the shapes differ little from their mirror images, or if they differ more from each other than from
-    /// their mirror images. Hippocampi are an example of the second case.
+    /// A member's mirror image is nearer to the other members than the member itself is, whereas the others are nearer
+    /// to each other without mirroring. The member may therefore be from the other side of the body. A mirrored member
+    /// usually isn't detected if the shapes differ little from their mirror images, or if they differ more from each
+    /// other than from their mirror images. Hippocampi are an example of the second case.
     Mirrored {
         /// Index of the member, from 0.
         member: usize,

@@ -104,8 +104,8 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// Checks the rows over one sphere. Returns an error only if the preview is cancelled; other errors are recorded
-    /// for the rows.
+    /// Checks the rows of one group. Returns an error only if the preview is cancelled; other errors are recorded for
+    /// the rows.
     fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
         let before = self.failed.len();
         let Err(error) = self.at_sphere(group) else { return Ok(()) };

@@ -35,7 +35,8 @@ pub(super) struct Reference {
     mean: Vec<f64>,
     /// Weights of the directions, w (n).
     weights: Vec<f64>,
-    /// Modes e_k (modes, n C), orthonormal in the inner product with the directions' weights w.
+    /// Modes e_k (modes, n C), with n directions and C channels, orthonormal in the inner product with the directions'
+    /// weights w.
     modes: Array2<f64>,
     /// For each mode k, the factor `1 / delta - 1 / (lambda_k + delta)` of its squared score, which is subtracted from
     /// `|x - m|^2 / delta` to give M (see the [module](self)).

@@ -4,7 +4,7 @@ use crate::groupwise::elastic::Elastic;
 use crate::groupwise::params::StageParams;
 use crate::groupwise::state::State;
 
-/// Change of areas on the sphere under the maps.
+/// Change of areas on the sphere under the refinement's maps of the sphere to itself, one map for each member.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distortion {
     /// Root mean square of the logarithm of the change of area, over the sphere's area and all members.

@@ -309,7 +309,8 @@ pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }
 
-/// Returns a quotient, or zero if the denominator isn't positive: a solved column has no search direction.
+/// Returns the quotient, or zero if the denominator isn't positive. The denominator is zero for a column that is
+/// already solved, because its gradient and its search direction are zero.
 fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }

@@ -54,11 +54,10 @@ pub(super) const ROWS_PER_COLUMN_FOR_DENSITY: usize = 2;
 /// inverse of the density takes half the time of a product.
 pub(super) const PRODUCTS_PER_DENSITY_ITERATION: f64 = 1.5;
 
-/// The iteration ends if the optimality isn't halved within this number of iterations.
+/// Conjugate gradients end if the optimality isn't halved within this number of iterations.
 pub(super) const ITERATIONS_WITHOUT_GAIN: usize = 250;
-/// An iteration that the factor preconditions ends if the optimality isn't halved within this smaller number of
-/// iterations. The number is smaller because each of these iterations reduces the error as much as many iterations
-/// without the factor.
+/// The same limit as [`ITERATIONS_WITHOUT_GAIN`], for conjugate gradients that are preconditioned with the factor. The
+/// limit is lower, because an iteration with the factor reduces the error as much as many iterations without it.
 pub(super) const ITERATIONS_WITHOUT_GAIN_WITH_FACTOR: usize = 30;
 /// Maximum number of refinements.
 pub(super) const MOST_REFINEMENTS: usize = 40;

@@ -58,8 +58,8 @@ impl Buckets {
     }
 }
 
-/// Returns the half-edges of all triangles that aren't degenerate, each as its lower vertex, its higher vertex and its
-/// number.
+/// Returns the half-edges of all triangles that aren't degenerate, each as its lower vertex index, its higher
+/// vertex index and its own number.
 fn half_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, (u32, u32))> {
     faces.iter().zip(0_u32..).filter(|(face, _)| !is_degenerate(**face)).flat_map(|(&[a, b, c], f)| {
         [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((from, to), h)| (from.min(to), (from.max(to), h)))

@@ -2,10 +2,10 @@
 //! is meshed separately and gets a random pose, unless [`Group::upright`] is set. Its parameters and its corresponding
 //! points ("places") are returned with its mesh.
 //!
-//! | family | members | parameters, mm | modes of variation if places correspond |
+//! | family | members, lengths in mm | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|
 //! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's position along x, -7 to 7 | |
-//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position, -9 to 9; t and -t are congruent | |
+//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position along x, -9 to 9; the members at t and -t are congruent | |
 //! | [`GrowingBump`](Family::GrowingBump) | the tapered box | the bump's height, 0.5 to 4 | 1 |
 //! | [`Ellipsoids`](Family::Ellipsoids) | ellipsoids of half axes a, b, 8 | a from 17 to 23, b from 10 to 14 | 2 |
 //! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
