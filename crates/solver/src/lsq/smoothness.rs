@@ -2,12 +2,11 @@
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_monitor::Monitor;
-use spharm_transform::FINEST;
 
 use super::cg::Cg;
-use super::cost::Cost;
+use super::cost::{Cost, moment_accuracy};
 use super::gcv::{CG, Gcv, PROBES, Validated, search};
-use super::limits::{LEAST_ITERATIONS_OF_SEARCH, MOMENT_ACCURACY_OF_SEARCH, MOMENT_ACCURACY_PER_TOLERANCE};
+use super::limits::{LEAST_ITERATIONS_OF_SEARCH, MOMENT_ACCURACY_OF_SEARCH};
 use super::normal_equations::NormalEquations;
 use super::plan::Moments;
 use super::problem::{Problem, Sampled};
@@ -30,7 +29,7 @@ impl LsqSolver<'_> {
         let channels = targets.ncols() + PROBES;
         let (rows, rows_with_weight, max_degree) = (operator.rows(), self.rows_with_weight(), operator.max_degree());
         let cost = Cost { rows, rows_with_weight, max_degree, channels };
-        let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance).max(FINEST);
+        let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(moment_accuracy(self.params.tolerance));
         let coarse = self.moments.take_if(|moments| moments.accuracy > accuracy);
         let makeable = self.available(Given::Targets(operator, targets)).moments == Moments::Makeable;
         if makeable && cost.paid_after() <= LEAST_ITERATIONS_OF_SEARCH {

@@ -58,15 +58,11 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let planned = job.planned.map(|planned| (planned, WeightsHash::of(weights.as_deref())));
     let accuracy = moment_accuracy(params.tolerance);
     let kept = planned.and_then(|(planned, weights)| planned.moments(weights, accuracy));
-    let transforms = match job.planned {
-        Some(planned) => Some(planned.operator()),
-        None if shared => {
-            Some(Arc::new(MatrixFreeOperator::with_moments(directions, &transform).map_err(Error::from)?))
-        }
-        None => None,
-    };
+    let planned_now =
+        shared.then(|| MatrixFreeOperator::with_moments(directions, &transform)).transpose().map_err(Error::from)?;
+    let transforms = job.planned.map(|planned| planned.operator()).or(planned_now.as_ref());
     let deferred = DeferredOperator::new(directions, &transform);
-    let operator: &dyn Operator = transforms.as_deref().map_or(&deferred, |operator| operator);
+    let operator: &dyn Operator = transforms.map_or(&deferred, |operator| operator);
     let mut warnings = Vec::new();
     if params.standard_errors && params.weights == Weights::Area {
         warnings.push(FitWarning::AreaErrors);
@@ -87,7 +83,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             return Ok((Arc::clone(made), None));
         }
         let weights = weights.as_deref();
-        let (made, right_sides) = match (planned, transforms.as_ref().filter(|_| shared)) {
+        let (made, right_sides) = match (planned, &planned_now) {
             (Some((planned, hash)), _) => (planned.make_moments(weights, hash, accuracy)?, None),
             (None, Some(operator)) => {
                 let (made, right_sides) = operator.moments(directions, weights, accuracy, targets)?;

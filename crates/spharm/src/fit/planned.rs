@@ -34,11 +34,11 @@ use crate::{Error, defaults};
 pub struct PlannedSphere {
     sphere: Sphere,
     params: TransformParams,
-    operator: Arc<MatrixFreeOperator>,
+    operator: MatrixFreeOperator,
     /// Moments of the last fit that computed moments.
     moments: Mutex<Option<KeptMoments>>,
     /// Transforms for moments, created when moments are computed for the second time, with other weights.
-    with_moments: Mutex<Option<Arc<MatrixFreeOperator>>>,
+    with_moments: OnceLock<MatrixFreeOperator>,
     key: OnceLock<SchemeKey>,
 }
 
@@ -58,8 +58,8 @@ impl PlannedSphere {
     ///
     /// [`Error::Solver`] if the degree or the accuracy is out of range.
     pub fn new(sphere: Sphere, params: &TransformParams) -> Result<Self, Error> {
-        let operator = Arc::new(MatrixFreeOperator::new(&sphere.directions, params)?);
-        let (moments, with_moments, key) = (Mutex::new(None), Mutex::new(None), OnceLock::new());
+        let operator = MatrixFreeOperator::new(&sphere.directions, params)?;
+        let (moments, with_moments, key) = (Mutex::new(None), OnceLock::new(), OnceLock::new());
         Ok(Self { sphere, params: *params, operator, moments, with_moments, key })
     }
 
@@ -90,8 +90,8 @@ impl PlannedSphere {
     }
 
     /// Returns the operator at the sphere's directions.
-    pub(super) fn operator(&self) -> Arc<MatrixFreeOperator> {
-        Arc::clone(&self.operator)
+    pub(super) fn operator(&self) -> &MatrixFreeOperator {
+        &self.operator
     }
 
     /// Returns the moments that an earlier fit with these weights computed, if their relative accuracy is at least
@@ -123,13 +123,13 @@ impl PlannedSphere {
     }
 
     /// Returns the transforms for moments.
-    fn with_moments(&self) -> Result<Arc<MatrixFreeOperator>, SolverError> {
-        if let Some(made) = &*locked(&self.with_moments) {
-            return Ok(made.clone());
+    fn with_moments(&self) -> Result<&MatrixFreeOperator, SolverError> {
+        if let Some(made) = self.with_moments.get() {
+            return Ok(made);
         }
-        // The lock isn't held while threads plan, because a thread that waits may take up another fit.
-        let made = Arc::new(MatrixFreeOperator::with_moments(&self.sphere.directions, &self.params)?);
-        Ok(locked(&self.with_moments).get_or_insert(made).clone())
+        // Plan before the cell is initialised, for the same reason as in `key`.
+        let made = MatrixFreeOperator::with_moments(&self.sphere.directions, &self.params)?;
+        Ok(self.with_moments.get_or_init(|| made))
     }
 }
 

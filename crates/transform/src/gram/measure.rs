@@ -12,7 +12,8 @@
 //! With `P_{l,k}(theta) = S_{l,k}(theta, 0)` and sums over the degrees l of parity q, the integrals are
 //!
 //! ```text
-//! c_k^q(j) = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)     d_k^q(j) = pi/2 g_j sum_l s_{l,-k} P_{l,k}(theta_j)    (k > 0)
+//! c_k^q(j) = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)
+//! d_k^q(j) = pi/2 g_j sum_l s_{l,-k} P_{l,k}(theta_j)    (k > 0)
 //! c_0^q(j) = pi g_j sum_l s_{l,0} P_{l,0}(theta_j)       d_0^q(j) = 0
 //! c_{-k}^q(j) = c_k^q(j)                                 d_{-k}^q(j) = -d_k^q(j)
 //! ```

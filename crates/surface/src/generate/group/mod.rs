@@ -5,17 +5,18 @@
 //! | family | members, lengths in mm | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|
 //! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's position along x, -7 to 7 | |
-//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position along x, -9 to 9; the members at t and -t are congruent | |
+//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position along x, -9 to 9 | |
 //! | [`GrowingBump`](Family::GrowingBump) | the tapered box | the bump's height, 0.5 to 4 | 1 |
 //! | [`Ellipsoids`](Family::Ellipsoids) | ellipsoids of half axes a, b, 8 | a from 17 to 23, b from 10 to 14 | 2 |
 //! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
 //! | [`Tori`](Family::Tori) | warped rings with one handle | the ring's radius, 17 to 23; the tube's radius, 5 to 7 | 2 |
 //!
-//! A single parameter varies evenly from member to member; two parameters are drawn at random. No rotation maps a
-//! member to itself, except half turns of ellipsoids and symmetries of the sharp bump's box. The places of a member are
-//! therefore determined by its shape alone, not by its mesh. A mesh is made from an icosphere in a random rotation or,
-//! for rings, from a grid of random size and phase. The order of its vertices and triangles is shuffled. Therefore
-//! neither the vertices nor the triangles of two members correspond.
+//! The members of `SharpBump` at positions t and -t are congruent. A single parameter varies evenly from member to
+//! member; two parameters are drawn at random. No rotation maps a member to itself, except half turns of ellipsoids and
+//! symmetries of the sharp bump's box. The places of a member are therefore determined by its shape alone, not by its
+//! mesh. A mesh is made from an icosphere in a random rotation or, for rings, from a grid of random size and phase. The
+//! order of its vertices and triangles is shuffled. Therefore neither the vertices nor the triangles of two members
+//! correspond.
 
 mod boxes;
 mod shapes;
