@@ -315,7 +315,7 @@ mod tests {
         let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
         assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
         let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
-        assert!(error(&["s0", "s1"]).contains("have the same row"));
+        assert!(error(&["s0", "s1"]).contains("match the same row"));
         assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
         assert!(error(&["s1"]).contains("no row for \"s0\""));
         // The cell "n/a" isn't the path of a model called a.
