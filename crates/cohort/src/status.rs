@@ -22,8 +22,8 @@ pub enum State {
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
-    /// The run ended before the row was finished, because the run was cancelled or another row failed. If another row
-    /// failed, the column `error` gives the error of that row.
+    /// The run ended before the row was finished, because the run was cancelled, or because of an error, which may be
+    /// another row's. The column `error` gives this error.
     Interrupted,
 }
 

@@ -14,10 +14,10 @@ use crate::recurrence::{SCALE, seeds, squares};
 type Dd = DoubleDouble<false>;
 
 /// Limit on the ratio of a row's `sin theta` to the highest degree. A row with a smaller ratio is polar: the relative
-/// error of the plain recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
+/// error of the plain recurrence, measured as about `0.2 eps l / sin theta` for order 0, would be about 1e-12 or more.
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
-/// Up to this degree, no row is treated as polar, because the plain recurrence's error at the poles, `eps l^1.5`, is
-/// below 2e-13.
+/// Up to this degree, no row is treated as polar, because the plain recurrence's error at the poles, about `eps l^1.5`,
+/// is 3e-13 at most.
 const PLAIN_DEGREE: usize = 100;
 
 /// Returns whether the plain recurrence to `max_degree` is too inaccurate at colatitudes with this `sine`.

@@ -63,8 +63,8 @@ pub enum ProcrustesWarning {
         /// Distance of the member's mirror image, measured in the same way as `rmsd`.
         mirrored: f64,
     },
-    /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
-    /// or more.
+    /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by more
+    /// than 18 %.
     Sides {
         /// Indices of the members of the smaller side, from 0. If both sides have the same size, the side without the
         /// first member is listed. Empty if the shapes don't show which members belong to this side.

@@ -152,7 +152,7 @@ fn an_array_that_claims_to_be_huge_is_refused() {
 }
 
 /// The file is a mean model written by `numpy.savez_compressed` in single precision, with the coefficients as its only
-/// array (problem 19 in the list of first-time users' problems).
+/// array.
 #[test]
 fn coefficients_alone_are_a_model() {
     let values: Vec<f32> = (0..12).map(|k| 0.5 * k as f32).collect();

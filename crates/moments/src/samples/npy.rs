@@ -146,18 +146,9 @@ fn of_samples(found: &npy::Header) -> Option<Header> {
 }
 
 fn kind_of(kind: char, size: usize) -> Kind {
-    Kind::Number(match (kind, size) {
-        ('f', 8) => Scalar::F64,
-        ('f', 4) => Scalar::F32,
-        ('i', 1) => Scalar::I8,
-        ('u', 1) => Scalar::U8,
-        ('i', 2) => Scalar::I16,
-        ('u', 2) => Scalar::U16,
-        ('i', 4) => Scalar::I32,
-        ('u', 4) => Scalar::U32,
-        ('i', 8) => Scalar::I64,
-        ('u', 8) => Scalar::U64,
-        ('f', 2) => return Kind::Half,
-        _ => return Kind::Other(kind, size),
-    })
+    match (kind, Scalar::of_numpy(kind, size)) {
+        ('f', None) if size == 2 => Kind::Half,
+        ('b', _) | (_, None) => Kind::Other(kind, size),
+        (_, Some(scalar)) => Kind::Number(scalar),
+    }
 }

@@ -13,22 +13,10 @@ use crate::error::ParametrizeError;
 /// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
     let header = Header::read(&mut stream).map_err(|error| source.wrong("a NumPy array", error.to_string()))?;
-    let scalar = match (header.kind, header.size) {
-        ('u' | 'b', 1) => Scalar::U8,
-        ('i', 1) => Scalar::I8,
-        ('u', 2) => Scalar::U16,
-        ('i', 2) => Scalar::I16,
-        ('u', 4) => Scalar::U32,
-        ('i', 4) => Scalar::I32,
-        ('u', 8) => Scalar::U64,
-        ('i', 8) => Scalar::I64,
-        ('f', 4) => Scalar::F32,
-        ('f', 8) => Scalar::F64,
-        (kind, size) => {
-            let expected = "booleans, integers, or floats of 32 or 64 bits";
-            return Err(source.wrong(expected, format!("values of type {kind}{size}")));
-        }
-    };
+    let scalar = Scalar::of_numpy(header.kind, header.size).ok_or_else(|| {
+        let expected = "booleans, integers, or floats of 32 or 64 bits";
+        source.wrong(expected, format!("values of type {}{}", header.kind, header.size))
+    })?;
     let [first, middle, last] = header.shape[..] else {
         return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));
     };

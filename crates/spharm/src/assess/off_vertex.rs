@@ -15,7 +15,7 @@ const WORK: usize = 20_000_000;
 const PLACES: [usize; 2] = [200, 2000];
 /// A model is reported as oscillating if its rms distance at the triangle centres is more than `OSCILLATION` times its
 /// rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. The
-/// distances between a smooth model and the flat triangles are below these limits.
+/// distances between a smooth model and the flat triangles are below at least one of these limits.
 const OSCILLATION: f64 = 10.0;
 /// A model is reported as oscillating only if its rms distance at the triangle centres is more than this multiple of
 /// the rms of the triangles' longest edges; see [`OSCILLATION`].

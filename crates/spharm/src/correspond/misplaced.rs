@@ -88,8 +88,8 @@ impl MisplacedLandmarks {
         let found = found.join("; ");
         match self.cause {
             LandmarkCause::Landmarks => format!(
-                "{found}; the largest distance is {distance} (median over members: {usual}); check the names and \
-                 positions of the landmarks"
+                "{found}; the largest distance from a landmark's position on the other members is {distance} (median over \
+                 members: {usual}); check the names and positions of the landmarks"
             ),
             LandmarkCause::SomeMember => format!(
                 "{found}, on this surface or on another; the largest distance between the members' landmarks is \
@@ -337,7 +337,8 @@ mod tests {
         assert!(first.member == 1 && first.swapped == [[0, 3]] && first.far.is_empty(), "{first:?}");
         assert!(second.member == 4 && second.swapped.is_empty() && second.far == [2], "{second:?}");
         let text = first.of_member(|landmark| format!("L{landmark}"));
-        assert!(text.starts_with("the landmarks L0 and L3 seem to be swapped; the largest distance is 10.0"), "{text}");
+        assert!(text.starts_with("the landmarks L0 and L3 seem to be swapped; the largest distance"), "{text}");
+        assert!(text.contains("is 10.0 (median over members"), "{text}");
         let text = second.of_member(|landmark| format!("L{landmark}"));
         assert!(text.starts_with("landmarks far from their positions on the other members: L2; "), "{text}");
     }

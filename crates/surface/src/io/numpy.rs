@@ -23,24 +23,10 @@ pub(super) fn header(mut bytes: &[u8]) -> Option<Header> {
 
 /// Reads the values of an array with one or two axes.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Signal, Flaw> {
-    let scalar = match (header.kind, header.size) {
-        ('u' | 'b', 1) => Scalar::U8,
-        ('i', 1) => Scalar::I8,
-        ('u', 2) => Scalar::U16,
-        ('i', 2) => Scalar::I16,
-        ('u', 4) => Scalar::U32,
-        ('i', 4) => Scalar::I32,
-        ('u', 8) => Scalar::U64,
-        ('i', 8) => Scalar::I64,
-        ('f', 4) => Scalar::F32,
-        ('f', 8) => Scalar::F64,
-        (kind, size) => {
-            return Err(Flaw::unsupported(
-                format!("values of type {kind}{size}"),
-                "convert the array with astype(float)",
-            ));
-        }
-    };
+    let scalar = Scalar::of_numpy(header.kind, header.size).ok_or_else(|| {
+        let found = format!("values of type {}{}", header.kind, header.size);
+        Flaw::unsupported(found, "convert the array with astype(float)")
+    })?;
     let (vertices, channels) = match header.shape[..] {
         [vertices] => (vertices, 1),
         [vertices, channels] => (vertices, channels),

@@ -20,6 +20,25 @@ pub enum Scalar {
 }
 
 impl Scalar {
+    /// Returns the type that NumPy denotes by a letter and a number of bytes, with booleans as [`Self::U8`]. Returns
+    /// `None` for other types, such as half precision.
+    #[must_use]
+    pub fn of_numpy(kind: char, size: usize) -> Option<Self> {
+        Some(match (kind, size) {
+            ('u' | 'b', 1) => Self::U8,
+            ('i', 1) => Self::I8,
+            ('u', 2) => Self::U16,
+            ('i', 2) => Self::I16,
+            ('u', 4) => Self::U32,
+            ('i', 4) => Self::I32,
+            ('u', 8) => Self::U64,
+            ('i', 8) => Self::I64,
+            ('f', 4) => Self::F32,
+            ('f', 8) => Self::F64,
+            _ => return None,
+        })
+    }
+
     /// Returns the size of a number of this type, in bytes.
     #[must_use]
     pub fn size(self) -> usize {

@@ -201,9 +201,9 @@ fn lies_about_arrays_and_nodes_are_placed() {
         (nodes("{\"children\":[1]},{\"children\":[0]}") + " ", "at least one triangle"),
         (with("\"indices\":1", "\"indices\":1,\"mode\":1"), "at least one triangle in the scene, found none"),
         (format!("{{{PARTS},\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{{\"children\":[0]}}]}}"), "one parent each"),
-        (nodes("{\"children\":[5]}"), "an existing node (number of nodes: 1)"),
-        (nodes("{\"mesh\":3}"), "an existing mesh (number of meshes: 1)"),
-        (format!("{{{PARTS},\"scene\":4,\"nodes\":[{{\"mesh\":0}}]}}"), "an existing scene (number of scenes: 0)"),
+        (nodes("{\"children\":[5]}"), "a node number below the number of nodes, 1"),
+        (nodes("{\"mesh\":3}"), "a mesh number below the number of meshes, 1"),
+        (format!("{{{PARTS},\"scene\":4,\"nodes\":[{{\"mesh\":0}}]}}"), "a scene number below the number of scenes, 0"),
     ] {
         let error = read(&json, &tetrahedron()).unwrap_err().to_string();
         assert!(error.contains(what), "{what}: {error}");

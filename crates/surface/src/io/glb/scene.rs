@@ -30,7 +30,7 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
     while let Some((number, parent)) = open.pop() {
         let (Some(node), Some(seen)) = (document.nodes.get(number), seen.get_mut(number)) else {
             return Err(Flaw::new(
-                format!("an existing node (number of nodes: {})", document.nodes.len()),
+                format!("a node number below the number of nodes, {}", document.nodes.len()),
                 number.to_string(),
             ));
         };
@@ -56,7 +56,7 @@ fn roots(document: &Document) -> Result<Vec<usize>, Flaw> {
     }
     if let Some(scene) = document.scene {
         return Err(Flaw::new(
-            format!("an existing scene (number of scenes: {})", document.scenes.len()),
+            format!("a scene number below the number of scenes, {}", document.scenes.len()),
             scene.to_string(),
         ));
     }
@@ -98,7 +98,7 @@ fn add(
     let document = arrays.document;
     let found = document.meshes.get(number);
     let found = found.ok_or_else(|| {
-        Flaw::new(format!("an existing mesh (number of meshes: {})", document.meshes.len()), number.to_string())
+        Flaw::new(format!("a mesh number below the number of meshes, {}", document.meshes.len()), number.to_string())
     })?;
     document.check_rigid(node, found)?;
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
