@@ -23,6 +23,7 @@ mod picture;
 mod reconstruct;
 mod report;
 mod roles;
+mod rounding;
 mod rows;
 mod shape;
 mod status;

@@ -100,7 +100,8 @@ def compare(
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
         triangles differ, or for models mapped separately. With False, such models are compared at equal directions, with a
-        warning.
+        warning. If two meshes have the same triangles but are much closer to each other than their vertices, there is a
+        warning, too.
     samples : int
         Approximate number of points on each surface for ``surface_distance``.
     mask : array_like of bool, (n,), or path, optional
@@ -171,7 +172,9 @@ def compare(
             f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
             "omit surface_distance=False to measure the distance between the surfaces"
         )
-    (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays, kept)
+    meshes = not isinstance(surface, Model) and not isinstance(other, Model)
+    (msd, xsd, rms, largest, scale), _, by_vertex, unpaired = _core.compare(*arrays, kept, meshes and between is None)
+    warn([] if unpaired is None else [unpaired])
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)
 
 

@@ -13,7 +13,7 @@ _Ends = tuple[list[float], list[float], list[float]]
 _Apart = tuple[float, float, list[float] | None, list[float], list[list[float]]]
 _Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str], Union[_Seam, None]]
 _Metadata = Union[dict[str, Any], None]
-_Given = Union[str, tuple[_Floats, _Triangles]]
+_Given = Union[str, tuple[_Floats, _Triangles, _Metadata]]
 _Flags = NDArray[np.bool_]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
@@ -413,8 +413,13 @@ def resample(
 ) -> _Mapped: ...
 def quality(vertices: _Floats, faces: _Triangles, sphere: _Floats) -> str: ...
 def compare(
-    vertices: _Floats, faces: _Triangles, others: _Floats, other_faces: _Triangles, mask: NDArray[np.bool_] | None
-) -> tuple[list[float], int, _Floats]: ...
+    vertices: _Floats,
+    faces: _Triangles,
+    others: _Floats,
+    other_faces: _Triangles,
+    mask: NDArray[np.bool_] | None,
+    check: bool,
+) -> tuple[list[float], int, _Floats, str | None]: ...
 def surface_distance(
     vertices: _Floats,
     faces: _Triangles,
@@ -528,7 +533,7 @@ def shape_pose(
     mirror: bool,
     threads: int | None = None,
     progress: _Progress | None = None,
-) -> tuple[str, float, float]: ...
+) -> tuple[str, float, float, list[str]]: ...
 def shape_register(
     template: _Given,
     surface: _Given,
@@ -539,7 +544,7 @@ def shape_register(
     mirror: bool,
     threads: int | None = None,
     progress: _Progress | None = None,
-) -> tuple[_Floats, _Triangles, _Flags, str, str]: ...
+) -> tuple[_Floats, _Triangles, _Flags, str, str, list[str]]: ...
 def shape_measure_group(
     models: Sequence[Model],
     directions: _Floats,

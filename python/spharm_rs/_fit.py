@@ -263,7 +263,8 @@ def fit(
         with a store.
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
-        be NaN; a fit of the surface leaves out the triangles that they are corners of.
+        be NaN; a fit of the surface leaves out the triangles that they are corners of. For ``stderr``, weights have to
+        be proportional to the inverse variances of the values; see there.
     mask : array_like of bool, (n,), path, or image, optional
         Vertices to read; the others have weight 0, and may be NaN over a sphere. A file or an image (of nibabel or nilearn)
         has a value for each vertex, of which 0 leaves it out, or is a FreeSurfer label, or a label of GIfTI. An array has
@@ -281,7 +282,11 @@ def fit(
         the noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``. It shrinks focal effects of
         single subjects, too: for group tests, fit without it.
     stderr : bool
-        Compute the standard error of each coefficient, for independent noise of the vertices: `Model.standard_errors`.
+        Compute the standard error of each coefficient, for independent noise of the vertices whose variance is
+        inversely proportional to the weight: `Model.standard_errors`. With weights that only even out the density of
+        the vertices, such as areas, ``Grid.weights``, cos(latitude) or lower weights of dense tracks, standard errors
+        are too small, up to three times. Compute them by a fit with uniform weights, or with weights that are
+        proportional to inverse variances.
     hold_out : float, optional
         Fraction of the vertices to leave out of the fit and to assess separately; a fit of the surface also leaves out
         their triangles.
@@ -528,7 +533,11 @@ def solve(
         Required with directions; by default the transform's.
     weights, mask
         As for `fit`; arrays may also have the shape of the values' grid.
-    smoothness, stderr, tolerance, max_iterations, preconditioner, memory, threads, progress
+    stderr : bool
+        Compute standard errors of the coefficients, which assume that the weights are proportional to the inverse
+        variances of the values. With weights that only even out the density of the samples, such as areas,
+        ``Grid.weights``, cos(latitude) or lower weights of dense tracks, they are too small, up to three times.
+    smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
         As for `fit`.
 
     Returns

@@ -15,7 +15,7 @@ from . import _arrays, _core
 from ._fit import fit_mapped
 from ._fit_many import FitSettings, in_parallel, processors
 from ._model import Model
-from ._parametrize import _image, _volume, with_warnings
+from ._parametrize import Parametrization, _image, _volume, with_warnings
 from ._progress import Callback, Progress, callback
 from ._surface import Path
 from ._warnings import Problem, issue, warn
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 #: Relative change of the area at which its quadrature stops, as in ``spharm volumes``: far below the accuracy of a surface
 #: made of voxels.
 _AREA = 1e-5
+
+#: Relative differences of the model's volume from the label's above which there is a warning, as of ``spharm volumes``:
+#: of a label whose handles were cut, and of one that was neither repaired nor cut.
+_CUT, _INEXACT = 0.05, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,8 @@ def fit_labels(
     NotDetermined, NotConverged, Oscillation
         Doubts about the fit of a label, which are also in the report of its model.
     SpharmWarning
-        If a repair or a cut changed a label, or if its measures or the voxel size are doubtful.
+        If a repair or a cut changed a label, or if its measures or the voxel size are doubtful; or if the model's
+        volume differs from that of the label's voxels, which is in the report of the model, too.
 
     Examples
     --------
@@ -147,7 +152,8 @@ def fit_labels(
     collects = _arrays.on_error(on_error)
     least = _arrays.whole("min_voxels", min_voxels)
     chosen = None if labels is None else _chosen(labels)
-    core = _core.Labels(_volume(_whole(volume), False, affine, spacing, axes), image=_image(channel, time, volume))
+    given = _volume(_whole(volume), False, affine, spacing, axes)
+    core, voxel = _core.Labels(given, image=_image(channel, time, volume)), _voxel(given)
     warn(core.warnings())
     there = core.labels(bool(fix), chosen)
     name = os.fspath(volume) if isinstance(volume, (str, os.PathLike)) else "the volume"
@@ -173,10 +179,12 @@ def fit_labels(
             mapped, changes = with_warnings(core.parametrize(item.label, **mapping, threads=1, progress=check))
             model, doubts = fit_mapped(mapped, check, threads=1, **each)
             measures, flaws = _measured(model, None, _AREA, 1, check)
+            inexact = _inexact(measures.volume, mapped, None if voxel is None else item.voxels * voxel)
+            model.report["warnings"] += inexact
         except (SpharmError, ValueError) as error:
             _name_label(error, name, item.label)
             raise
-        problems: list[Problem] = [*((SpharmWarning, text) for text in [*changes, *flaws]), *doubts]
+        problems: list[Problem] = [*((SpharmWarning, text) for text in [*changes, *flaws, *inexact]), *doubts]
         named = [(category, f"{name}: label {item.label}: {text}") for category, text in problems]
         return LabelFit(item.label, item.voxels, item.at_border, model, measures), named
 
@@ -212,6 +220,34 @@ def _item(there: dict[int, tuple[int, bool]], label: int) -> LabelFit:
     """Returns a label that isn't fitted yet."""
     voxels, at_border = there.get(label, (0, False))
     return LabelFit(label, voxels, at_border)
+
+
+def _voxel(given: Any) -> float | None:
+    """Returns the volume of a voxel; None for a file that has its own voxel size."""
+    sizes, matrix = given[1:3] if isinstance(given[0], str) else (None, given[1])
+    if matrix is not None:
+        return float(abs(np.linalg.det(matrix[:3, :3])))
+    return None if sizes is None else float(np.prod(sizes))
+
+
+def _inexact(volume: float, mapped: Parametrization, voxels: float | None) -> list[str]:
+    """Returns a warning if a model's volume differs from that of the label's voxels; None if that isn't known."""
+    if mapped.report.get("handles") is not None:
+        if voxels is None or abs(change := volume / voxels - 1) <= _CUT:
+            return []
+        return [
+            f"the model has a volume of {volume:.4g}, but before its handles were cut, the label's surface had one of "
+            f"{voxels:.4g} ({100 * change:+.1f} %)"
+        ]
+    # The surface of a label that wasn't cut has the volume of the voxels.
+    change = volume / abs(mapped.surface.volume if voxels is None else voxels) - 1
+    if mapped.report.get("repair") is not None or abs(change) <= _INEXACT:
+        return []
+    return [
+        f"the volume of the model differs from that of the label's voxels by {100 * abs(change):.1f} %: the label is "
+        "too small for a shape model, or the degree is too low for the label's shape; min_voxels=N leaves out small "
+        "labels"
+    ]
 
 
 def _name_label(error: Exception, volume: str, label: int) -> None:

@@ -18,7 +18,7 @@ from ._model import Model, seam_of, sphere_arrays
 from ._progress import Callback, Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Metadata, Path, meta_of, opened
+from ._surface import Metadata, Path, meta_of, meta_of_path, opened
 from .errors import SpharmError
 
 if TYPE_CHECKING:
@@ -120,6 +120,12 @@ def fit_many(
     list of Model
         In the order of the surfaces.
 
+    Raises
+    ------
+    MeshError
+        As for `fit`, also if a surface with triangles has other triangles than the sphere. Arrays of positions have no
+        triangles of their own.
+
     Examples
     --------
     >>> import spharm_rs as sp
@@ -145,6 +151,8 @@ def fit_many(
     changes_of(fix, largest_repair, wrap, cut_handles)
     if (name := named_change(fix, wrap, cut_handles)) is not None:
         raise ValueError(f"{name}: expected no sphere, because this option changes the surfaces")
+    sphere = opened(sphere)
+    directions, faces, parametrized = sphere_arrays(sphere)
     kinds = set()
     arrays: list[Floats] = []
     metas: list[Metadata] = []
@@ -163,15 +171,16 @@ def fit_many(
             kinds.add(own is not None)
             if own is None:
                 continue
-            if triangles is not None and not np.array_equal(triangles, own):
+            if faces is not None:
+                name = f"surfaces[{len(arrays) - 1}]"
+                _refuse_other_triangles(name, values, own, (meta, meta_of(sphere)), directions, faces)
+            elif triangles is not None and not np.array_equal(triangles, own):
                 raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
             triangles = own
     if len(kinds) > 1:
         raise ValueError("surfaces: expected surfaces or signals, found both")
     if not arrays:
         return []
-    sphere = opened(sphere)
-    directions, faces, parametrized = sphere_arrays(sphere)
     checked = _settings(max_degree, len(directions), **settings)
     fits = _core.fit_many(
         arrays,
@@ -185,6 +194,31 @@ def fit_many(
         progress=callback(progress),
     )
     return [_model(fitted) for fitted in fits]
+
+
+def _refuse_other_triangles(
+    name: str, values: Floats, own: Any, metadata: tuple[Metadata, Metadata], directions: Floats, faces: Any
+) -> None:
+    """Refuses a surface whose triangles aren't the sphere's, as `fit` does; a surface without a file gets `name`."""
+    # The fits themselves refuse another number of vertices.
+    if len(values) != len(directions) or np.array_equal(own, faces):
+        return
+    of_surface, of_sphere = metadata
+    if of_surface is None or of_surface["path"] is None:
+        of_surface = meta_of_path(name)
+    # `fit` compares the triangles before it fits. The positions don't matter, and those of the surface may be NaN.
+    _core.fit(
+        directions,
+        own,
+        directions,
+        faces,
+        metadata=(of_surface, of_sphere),
+        surface=True,
+        parametrized=False,
+        seam=None,
+        changes=changes_of(False, None, None, False),
+        settings=_settings(0, len(directions), objective="vertices", surface_distance=False),
+    )
 
 
 @overload

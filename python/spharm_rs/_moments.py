@@ -28,7 +28,9 @@ class Moments:
         Vectors of any nonzero length.
     values : array_like of float, (n,) or (n, c)
     weights : array_like of float, (n,), optional
-        Finite and not negative; by default 1.
+        Finite and not negative; by default 1. The standard errors of `fit` assume that they are proportional to the
+        inverse variances of the values. With weights that only even out the density of the samples, such as areas,
+        cos(latitude) or lower weights of dense tracks, standard errors are too small, up to three times.
     max_degree : int
         Highest degree L of fits, inclusive.
     channels : sequence of str, optional
@@ -168,7 +170,10 @@ class Moments:
         ----------
         max_degree : int, optional
             Highest degree; at most, and by default, the degree of the moments.
-        smoothness, denoise, stderr, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
+        stderr : bool
+            Compute standard errors of the coefficients. They are valid only if the weights are proportional to the
+            inverse variances of the values; see ``weights`` of this class.
+        smoothness, denoise, tolerance, max_iterations, preconditioner, strict, memory, threads, progress
             As for `spharm_rs.fit`.
 
         Returns

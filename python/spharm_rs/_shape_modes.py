@@ -16,6 +16,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, core
 from ._progress import Progress, callback
+from ._shape_newcomers import Newcomer, doubts_of
 from ._shape_poses import cores, named
 from ._surface import Path
 from ._warnings import warn
@@ -172,22 +173,31 @@ class Modes:
         ------
         ValueError
             If something isn't a model of a surface of the group's degree; the message of a sequence has its number.
+
+        Warns
+        -----
+        SpharmWarning
+            If the distance of a model from the mean is more than four times that of the farthest member of a group of
+            at least five: the model may be unaligned, mirrored or in another unit.
         """
-        degree = self.mean.max_degree
-        if isinstance(model, Model) or not hasattr(model, "__iter__"):
-            return self._projected("model", model, degree)
-        found = [self._projected(f"models[{number}]", one, degree) for number, one in enumerate(model)]
-        scores, distances = [one[0] for one in found], [one[1] for one in found]
+        mean = self.mean
+        one = isinstance(model, Model) or not hasattr(model, "__iter__")
+        given: Any = {"model": model} if one else {f"models[{number}]": item for number, item in enumerate(model)}
+        found = [self._projected(what, item, mean.max_degree) for what, item in given.items()]
+        warn(doubts_of(self._inner, mean, found))
+        if one:
+            return found[0].scores, found[0].distance
+        scores, distances = [item.scores for item in found], [item.distance for item in found]
         return np.array(scores).reshape(len(found), len(self)), np.array(distances, dtype=float)
 
-    def _projected(self, what: str, model: Any, degree: int) -> tuple[Floats, float]:
-        """Projects a model, whose name begins errors."""
+    def _projected(self, what: str, model: Any, degree: int) -> Newcomer:
+        """Projects a model, whose name begins errors and warnings."""
         inner = core(what, model)
         if not model.is_surface:
             raise ValueError(f"{what}: expected a model of a surface, found {model!r}")
         if model.max_degree != degree:
             raise ValueError(f"{what}: expected degree {degree}, that of the group, found {model.max_degree}; see pca's degree=")
-        return self._inner.project(inner)
+        return Newcomer(what, *self._inner.project(inner))
 
     def transform(self, models: Iterable[Model]) -> Floats:
         """Returns the scores of models along the modes, as scikit-learn's ``PCA.transform`` does; see `project`.
@@ -201,6 +211,11 @@ class Modes:
         -------
         ndarray of float, (n, m)
             In the surfaces' unit; those of the group's members are `scores`.
+
+        Warns
+        -----
+        SpharmWarning
+            As for `project`.
         """
         if isinstance(models, Model) or not hasattr(models, "__iter__"):
             raise ValueError(f"models: expected a sequence of Model, found {models!r}; project takes a single model")

@@ -15,10 +15,11 @@ from ._arrays import Floats, Triangles
 from ._model import Model
 from ._progress import Progress, callback
 from ._shape_poses import SimilarityTransform
-from ._surface import Surface, as_surface
+from ._surface import Metadata, Surface, as_surface
+from ._warnings import warn
 
 Flags = NDArray[np.bool_]
-Given = Union[str, "tuple[Floats, Triangles]"]
+Given = Union[str, "tuple[Floats, Triangles, Metadata]"]
 
 
 def _level(max_degree: int) -> int:
@@ -38,7 +39,7 @@ def given(surface: Any) -> Given:
             raise ValueError(f"surfaces: expected surfaces, found a {surface!r}")
         surface = surface.surface(_level(surface.max_degree))
     mesh = as_surface(surface)
-    return mesh.vertices, mesh.faces
+    return mesh.vertices, mesh.faces, mesh._meta
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +56,14 @@ class Pose:
     second : float
         The distance for the best other pose, whose rotation differs by 15 degrees or more; infinite if none was found.
         If it is hardly larger than ``distance``, the pose is in doubt.
+    warnings : tuple of str
+        A warning if the mirror image fits better without ``mirror``. It has also been issued as a `SpharmWarning`.
     """
 
     transform: SimilarityTransform
     distance: float
     second: float
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +82,15 @@ class Registration:
         ``rms``, ``most`` (99 %) and ``farthest``: distances of the surface from the registered template, in the
         surface's unit. ``unreached``: share of the surface's area that the template doesn't reach. ``turned``: number
         of triangles turned over.
+    warnings : tuple of str
+        A warning if the mirror image fits better without ``mirror``. It has also been issued as a `SpharmWarning`.
     """
 
     surface: Surface
     reached: Flags = field(repr=False)
     transform: SimilarityTransform = field(repr=False)
     cover: dict[str, Any]
+    warnings: tuple[str, ...] = ()
 
 
 def register(
@@ -127,7 +134,7 @@ def register(
     >>> bool(found.reached.all()) and found.cover["rms"] < 0.02
     True
     """
-    vertices, faces, reached, transform, cover = _core.shape_register(
+    vertices, faces, reached, transform, cover, warnings = _core.shape_register(
         given(template),
         given(surface),
         None if masked is None else _arrays.flags("masked", masked, masked=True).tolist(),
@@ -137,7 +144,8 @@ def register(
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    return Registration(Surface(vertices, faces), reached, SimilarityTransform._of(json.loads(transform)), json.loads(cover))
+    moved = SimilarityTransform._of(json.loads(transform))
+    return Registration(Surface(vertices, faces), reached, moved, json.loads(cover), warn(warnings))
 
 
 def pose(
@@ -176,7 +184,7 @@ def pose(
     >>> bool(np.abs(found.transform.apply(turned).vertices - surface.vertices).max() < 0.01)
     True
     """
-    transform, distance, second = _core.shape_pose(
+    transform, distance, second, warnings = _core.shape_pose(
         given(surface),
         given(target),
         scale=bool(scale),
@@ -184,4 +192,4 @@ def pose(
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    return Pose(SimilarityTransform._of(json.loads(transform)), distance, second)
+    return Pose(SimilarityTransform._of(json.loads(transform)), distance, second, warn(warnings))

@@ -202,7 +202,8 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
     def _transformed(self, surfaces: list[Input]) -> Floats:
         found = self._register(surfaces)
         models, sizes = self._of_one_size([member.model for member in found], [member.transform for member in found])
-        return self._with_size(np.stack([self.modes_.project(model)[0] for model in models]), sizes)
+        # The registration has already warned of doubtful meshes.
+        return self._with_size(np.stack([self.modes_._inner.project(model._inner)[0] for model in models]), sizes)
 
     def _surfaces(self, X: Any, reset: bool = False) -> list[Input]:
         return [item.surface if isinstance(item, Parametrization) else item for item in super()._surfaces(X, reset)]

@@ -89,6 +89,11 @@ class SpharmTransformer(Meshes, TransformerMixin, BaseEstimator):  # type: ignor
         Parameters
         ----------
         X : array_like of float, (s, n, 3), or sequence of surfaces
+
+        Raises
+        ------
+        MeshError
+            If a surface with triangles has other triangles than the sphere.
         """
         check_is_fitted(self, "sphere_")
         with warned():

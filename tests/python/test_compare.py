@@ -166,3 +166,26 @@ def test_errors_name_the_argument(pair: tuple[sp.Model, sp.Model]) -> None:
     for given, name in (((pair[0], None), "other"), ((None, pair[0]), "surface"), ((bump(1), 3), "other")):
         with pytest.raises(ValueError, match=f"^{name}: expected a path"):
             sp.compare(*given)
+
+
+def test_equal_triangles_whose_vertices_dont_correspond_are_warned_about() -> None:
+    surface = sp.icosphere(4)
+    turned = sp.Surface(surface.vertices @ [[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]], surface.faces)
+    with pytest.warns(sp.SpharmWarning, match="the vertices don't correspond; measure between the surfaces"):
+        assert sp.compare(surface, turned).rms > 0.1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sp.compare(surface, turned, surface_distance=True).surface is not None
+        sp.compare(surface, sp.Surface(1.1 * surface.vertices, surface.faces))
+
+
+def test_a_surface_whose_mirror_image_fits_better_is_warned_about() -> None:
+    target, other = bump(4), bump(3)
+    mirrored = sp.Surface(other.vertices * [-1, 1, 1], other.faces[:, ::-1])
+    with pytest.warns(sp.SpharmWarning, match="the mirror image fits the other surface better"):
+        assert len(sp.shape.pose(mirrored, target).warnings) == 1
+    with pytest.warns(sp.SpharmWarning, match="the mirror image fits the other surface better"):
+        assert len(sp.shape.register(target, mirrored).warnings) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sp.shape.pose(mirrored, target, mirror=True).warnings == sp.shape.pose(other, target).warnings == ()

@@ -460,3 +460,21 @@ def test_a_template_on_a_surface() -> None:
         sp.shape.register(egg, sp.Surface(np.zeros((3, 3)), [[0, 1, 2]]))
     with pytest.raises(ValueError, match="expected 642"):
         sp.shape.register(egg, egg, masked=[True])
+
+
+def test_files_that_state_different_axes_are_warned_about(tmp_path: Path) -> None:
+    ball = sp.icosphere(3)
+    given = []
+    for name, axes in (("a", "LPS"), ("b", "RAS"), ("c", "LPS")):
+        surface = sp.Surface(ball.vertices * [9, 6, 4], ball.faces)
+        lines = [f"# SPACE={axes}"]
+        lines += ["v {} {} {}".format(*vertex) for vertex in surface.vertices.tolist()]
+        lines += ["f {} {} {}".format(*face) for face in (surface.faces + 1).tolist()]
+        given.append(tmp_path / f"{name}.obj")
+        given[-1].write_text("\n".join(lines))
+    # Surfaces in memory keep the statement of their files.
+    with pytest.warns(sp.SpharmWarning, match="LPS for a, 2; RAS for b"):
+        group = sp.shape.correspond(
+            [*given[:2], sp.read_surface(given[2])], 3, pose="near", rounds=1, refine=False, subdivisions=2
+        )
+    assert sum("different axes" in text for text in group.warnings) == 1

@@ -117,3 +117,34 @@ def test_models_in_another_unit_are_named() -> None:
             call()
         texts = [str(one.message) for one in found if "another unit" in str(one.message)]
         assert len(texts) == 1 and texts[0].startswith(f"{name}: ") and "about 1000 times" in texts[0], texts
+
+
+def doubts(call: Any) -> list[str]:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        call()
+    assert all(one.filename == __file__ for one in found)
+    return [str(one.message) for one in found]
+
+
+def test_models_that_are_not_aligned_with_the_modes_are_named() -> None:
+    modes = sp.shape.pca([lump(seed) for seed in range(8)])
+    aligned = [lump(seed) for seed in range(40)]
+    for kept in (modes, modes.truncate(2)):
+        assert doubts(lambda: kept.transform(aligned)) == [] and doubts(lambda: kept.project(aligned[9])) == []
+    turned = sp.shape.rotate(lump(9), parameters=[70, 40, 10], object=[0, 60, 0])
+    mirrored = sp.Model(lump(11).coefficients * [1, 1, -1])
+    found = doubts(lambda: modes.transform([*aligned, lump(12, 1000.0), turned, mirrored]))
+    assert [text.partition(":")[0] for text in found] == ["models[40]", "models[41]", "models[42]"]
+    assert all("but that of the farthest member is" in text and "shape.align" in text for text in found)
+    remedied = [sp.shape.align(turned, modes.mean).model, sp.shape.align(mirrored, modes.mean, mirror=True).model]
+    assert doubts(lambda: modes.project(remedied)) == []
+
+
+def test_a_model_of_another_kind_is_far_from_the_modes() -> None:
+    modes = sp.shape.pca([lump(seed) for seed in range(8)])
+    (text,) = doubts(lambda: modes.project(lump(9, 1.5)))
+    assert text.startswith("model: the root mean square distance from the mean is ") and "shape.align" in text
+    # Few members don't show how far a member may be from the mean.
+    few = sp.shape.pca([lump(seed) for seed in range(4)])
+    assert doubts(lambda: few.project(lump(9, 1.5))) == []

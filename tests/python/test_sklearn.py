@@ -265,6 +265,22 @@ def test_what_is_no_sequence_of_surfaces_is_refused(rough: ShapeFeatures) -> Non
         ShapeFeatures().fit([BALL, BALL])
 
 
+def test_surfaces_with_other_triangles_than_the_sphere_are_refused() -> None:
+    surface = sp.Surface(BALL.vertices * [9, 6, 4], BALL.faces)
+    shuffled = sp.Surface(surface.vertices, BALL.faces[::-1, [1, 2, 0]])
+    others = BALL.faces.copy()
+    others[0] = others[0, 0], others[0, 1], others[1, 0]
+    wrong = sp.Surface(surface.vertices, others)
+    transformer = SpharmTransformer(4, sphere=BALL).fit([surface])
+    found = transformer.transform([surface, shuffled])
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[:1], transformer.transform([surface.vertices]))
+    with pytest.raises(sp.MeshError, match="triangles? differs? between this surface and the sphere") as refused:
+        sp.fit(wrong, BALL, 4)
+    with pytest.raises(sp.MeshError) as same:
+        transformer.transform([surface, wrong])
+    assert str(same.value) == str(refused.value).replace("the surface:", "surfaces[1]:", 1)
+
+
 def test_other_columns_and_parameters_are_refused(rough: ShapeFeatures) -> None:
     transformer = SpharmTransformer(2, sphere="icosphere:1").fit([])
     for call, columns, of in ((rough, 3, "scores"), (transformer, 27, "coefficients")):

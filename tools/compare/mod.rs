@@ -11,12 +11,13 @@ use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, p
 use spharm_surface::Mesh;
 use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mask, write_painted};
 use spharm_surface::metrics::{
-    SurfaceDistanceParams, colors, compare_at, correspond, distances_to_surface, distances_to_surface_bytes,
+    SurfaceDistanceParams, Unpaired, colors, compare_at, correspond, distances_to_surface, distances_to_surface_bytes,
     surface_distance_at, surface_distance_bytes, vertex_distances,
 };
 
 pub(crate) use self::args::Cli;
 use self::output::{Report, rows};
+use crate::rounding::warn_of_rounding;
 use crate::surfaces::Surface;
 
 /// Runs the verb.
@@ -27,6 +28,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.threads.pool()?.install(|| work(cli))
 }
 
+/// Returns the number of bytes of two meshes.
+fn held(meshes: [&Mesh; 2]) -> u64 {
+    meshes.map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>() as u64
+}
+
 /// Refuses meshes that don't fit into memory.
 fn check_memory(
     cli: &Cli,
@@ -35,9 +41,7 @@ fn check_memory(
     reconstruction: &Mesh,
     budget: Budget,
 ) -> Result<()> {
-    let held: u64 =
-        [original, reconstruction].map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>()
-            as u64;
+    let held = held([original, reconstruction]);
     // Memory for squared distances, distances and colours.
     let at_vertices = 20 * reconstruction.vertices.len() as u64;
     if !surface_distance {
@@ -74,6 +78,8 @@ fn work(cli: &Cli) -> Result<()> {
     let apart = first.mapped_apart(&second);
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
+    // The search for vertices that don't correspond is left out if it doesn't fit into memory.
+    let has_room = budget.fits(held([&original, &reconstruction]) + Unpaired::bytes(reconstruction.faces.len()));
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     // If neither --mask nor --surface-distance is given, `compare_at` itself refuses meshes with different triangles.
     let corresponds = !apart && (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
@@ -114,6 +120,10 @@ fn work(cli: &Cli) -> Result<()> {
     } else {
         None
     };
+    if let Some(vertexwise) = vertexwise.as_ref().filter(|_| surfaces.is_none() && has_room) {
+        let found = Unpaired::of(&original, &reconstruction, mask, vertexwise).with_context(pair)?;
+        found.iter().for_each(|found| monitor.console().warn(format!("{}: {found}", pair())));
+    }
     if let Some(output) = &cli.output {
         let distances = match surfaces {
             Some(_) => distances_to_surface(&original, &reconstruction.vertices, &monitor)?,
@@ -124,6 +134,7 @@ fn work(cli: &Cli) -> Result<()> {
         let attributes = PlyAttributes { scalar: Some(("distance", &distances)), colors: Some(&painted) };
         let options = WriteOptions { overwrite: cli.force, ..WriteOptions::default() };
         prepare(output)?;
+        warn_of_rounding(output, &reconstruction, None, monitor.console())?;
         write_painted(output, &reconstruction, &attributes, &options)?;
     }
     let vertices = mask.map_or(original.vertices.len(), |mask| mask.iter().filter(|keep| **keep).count());

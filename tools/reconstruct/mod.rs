@@ -17,15 +17,15 @@ use spharm_cli::size::Size;
 use spharm_model::Model;
 use spharm_monitor::number;
 use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
-use spharm_surface::geometry::{bounds, sub};
 use spharm_surface::io::{
-    FormatSpec, Precision, WriteOptions, bytes_to_read, to_write_mesh, to_write_signal, write_mesh, write_signal_of,
+    Precision, WriteOptions, bytes_to_read, to_write_mesh, to_write_signal, write_mesh, write_signal_of,
 };
 use spharm_surface::metrics::bounding_box_scale;
 use spharm_surface::{Kind, Mesh, Seam, Sphere, TargetWarning, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
+use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Runs the verb.
@@ -144,7 +144,7 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
             None => original(&model, degree, console).with_context(named)?,
         };
         vertices = mesh.vertices.len();
-        warn_of_rounding(&output, &mesh, (format, cli.double), console);
+        warn_of_rounding(&output, &mesh, Some(cli.double), console)?;
         prepare(&output)?;
         write_mesh(&output, &mesh, &options)?;
     } else {
@@ -172,35 +172,6 @@ fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Co
     {
         console.warn(format!("{}: {}", path.display(), TargetWarning::OtherHemisphere { target, sphere }));
     }
-}
-
-/// A warning is given if the step between adjacent 32-bit coordinates exceeds this fraction of the bounding box's
-/// diagonal.
-const COARSE: f64 = 1e-4;
-
-/// Warns if a file's 32-bit numbers are too coarse for a surface that is far from the origin or very small. `double`
-/// states whether 64 bits are requested.
-fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, bool), console: &Console) {
-    let (low, high) = bounds(mesh.vertices.iter().copied());
-    let size = sub(high, low).into_iter().fold(0.0, f64::hypot);
-    let largest = mesh.vertices.as_flattened().iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-    // Below the normal range of 32-bit numbers, all steps between numbers are as large as the smallest positive number.
-    let step = (largest * f64::from(f32::EPSILON)).max(f64::from(f32::from_bits(1)));
-    if format.holds_double(double) || largest == 0.0 || step <= COARSE * size {
-        return;
-    }
-    console.warn(format!(
-        "{}: with coordinates up to {}, 32-bit numbers are too coarse for a surface of size {}: they have steps of up \
-         to {}; {}",
-        output.display(),
-        number(largest),
-        number(size),
-        number(step),
-        match format.precision {
-            Precision::Choice => "give --double",
-            _ => "write a format with 64-bit numbers, such as .obj or .vtp",
-        }
-    ));
 }
 
 /// A warning is given if the gap between the sides of a seam exceeds this fraction of the bounding box's size.

@@ -25,7 +25,7 @@ use super::again::{Again, journal};
 use super::align_meshes::{self, are_meshes};
 use super::args::{Models, ReportArgs, Resources};
 use super::frames;
-use super::groups::{distances_from_mean, equal_models};
+use super::groups::{axes_differ, distances_from_mean, equal_models};
 use super::mirrored::Mirrored;
 use super::outputs::{check_beside, finish, outputs};
 use super::plan::Plan;
@@ -371,26 +371,26 @@ fn together(
     let named = |warning: &ProcrustesWarning, name: &dyn Fn(&Path) -> String| -> String {
         warning.naming(|member| name(&paths[member]))
     };
-    let mut own: Vec<String> =
-        report.warnings.iter().map(|warning| named(warning, &|path: &Path| shown(path))).collect();
+    let mut own: Vec<String> = report.warnings.iter().map(|of| named(of, &|path: &Path| shown(path))).collect();
     // The named warnings omit sizes, because the quality control of a study compares the sizes itself.
     let of_poses = report.warnings.iter().filter(|warning| !matches!(warning, ProcrustesWarning::Unit(_)));
-    let named_warnings = of_poses.map(|warning| named(warning, &model_name)).collect();
+    let named_warnings = of_poses.map(|warning| named(warning, &model_name));
+    let axes: Vec<_> = models.iter().map(|model| model.provenance.axes()).collect();
+    own.extend(axes_differ(&axes, paths, |path| shown(path)));
     own.extend(equal_models(&members, paths, |path| shown(path)));
     let mirrored = report.warnings.iter().flat_map(ProcrustesWarning::mirrored);
-    let mirrored: Vec<&PathBuf> = mirrored.map(|member| &paths[*member]).collect();
     let before = distances_from_mean(&members, report.degree)?;
     Ok(Found {
         transforms: found.transforms.clone(),
         distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
         warnings: own,
-        named_warnings,
+        named_warnings: named_warnings.chain(axes_differ(&axes, paths, model_name)).collect(),
         summary: json!({
             "degree": report.degree,
             "spread_before": report.spread_before,
             "spread_after": report.spread_after,
             "templates": ends,
-            "mirrored": all_shown(mirrored),
+            "mirrored": all_shown(mirrored.map(|member| &paths[*member])),
             "surface_distances": report.surface_distances,
             "mean": cli.mean.as_ref().map(shown),
         }),

@@ -14,10 +14,12 @@ use spharm_cli::paths::shown;
 use spharm_exchange::Format;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
+use spharm_surface::io::landmarks::Frame;
 use spharm_surface::io::{Output, WriteOptions, read_mesh, to_write_mesh, write_mesh};
-use spharm_surface::pose::{Pose, PoseParams, PoseSurface, distance, group_poses, pose};
+use spharm_surface::pose::{FixedSurface, NearerMirrored, Pose, PoseParams, PoseSurface, distance, group_poses};
 
 use super::args::{ReportArgs, Resources};
+use super::groups::axes_differ;
 use super::outputs::{check_beside, finish};
 
 /// A request to align meshes.
@@ -151,55 +153,61 @@ fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
     }
 }
 
-fn surface(path: &Path) -> Result<PoseSurface> {
+fn prepared<T>(path: &Path, prepare: impl FnOnce(&Mesh) -> Option<T>) -> Result<(T, Option<Frame>)> {
     let mesh: Mesh = read_mesh(path)?;
-    PoseSurface::new(&mesh)
-        .ok_or_else(|| anyhow!("{}: the surface has no area, so its pose can't be found", path.display()))
+    let found = prepare(&mesh)
+        .ok_or_else(|| anyhow!("{}: the surface has no area, so its pose can't be found", path.display()))?;
+    Ok((found, mesh.meta.axes()))
 }
 
 fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Result<Found> {
-    let fixed = surface(target)?;
+    let (fixed, _) = prepared(target, FixedSurface::new)?;
     monitor.begin(Stage::counted("align", "surfaces"), asked.paths.len() as u64);
-    let one = |path: &PathBuf| -> Result<(Pose, f64)> {
+    let one = |path: &PathBuf| -> Result<((Pose, Option<NearerMirrored>), f64)> {
         monitor.check()?;
-        let moving = surface(path)?;
-        let before = distance(&moving, &fixed, &Similarity::default(), asked.params.trimmed);
-        let found = pose(&moving, &fixed, &asked.params, &Silent)?;
+        let (moving, _) = prepared(path, PoseSurface::new)?;
+        let before = distance(&moving, fixed.surface(), &Similarity::default(), asked.params.trimmed);
+        let found = fixed.pose(&moving, &asked.params, &Silent)?;
         monitor.step(1);
         Ok((found, before))
     };
     // Collect all results before returning an error, so that the error doesn't depend on the order in which threads
     // finish.
-    let found: Vec<Result<(Pose, f64)>> = asked.paths.par_iter().map(one).collect();
+    let found: Vec<Result<_>> = asked.paths.par_iter().map(one).collect();
     monitor.end();
     let found = found.into_iter().collect::<Result<Vec<_>>>()?;
-    let least = 1e-3 * fixed.size();
-    let doubt = |(path, (pose, _)): (&PathBuf, &(Pose, f64))| {
-        pose.doubt(least).map(|(distance, second)| {
+    let least = 1e-3 * fixed.surface().size();
+    let doubts = |(path, ((pose, mirrored), _)): (&PathBuf, &((Pose, Option<NearerMirrored>), f64))| {
+        let doubtful = pose.doubt(least).map(|(distance, second)| {
             format!(
-                "{}: the pose is doubtful: the distance between the surfaces is {distance:.4}, but another pose has a \
-                 similar distance of {second:.4}",
-                path.display()
+                "the pose is doubtful: the distance between the surfaces is {distance:.4}, but another pose has a \
+                 similar distance of {second:.4}"
             )
-        })
+        });
+        let mirrored = mirrored.as_ref().map(ToString::to_string);
+        let texts = [doubtful, mirrored].into_iter().flatten();
+        texts.map(|text| format!("{}: {text}", path.display())).collect::<Vec<_>>()
     };
     Ok(Found {
-        motions: found.iter().map(|(pose, _)| pose.similarity).collect(),
-        distances: found.iter().map(|(pose, before)| [Some(*before), Some(pose.distance)]).collect(),
-        warnings: asked.paths.iter().zip(&found).filter_map(doubt).collect(),
+        motions: found.iter().map(|((pose, _), _)| pose.similarity).collect(),
+        distances: found.iter().map(|((pose, _), before)| [Some(*before), Some(pose.distance)]).collect(),
+        warnings: asked.paths.iter().zip(&found).flat_map(doubts).collect(),
         typical: None,
     })
 }
 
 fn together(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<Found> {
-    let surfaces: Vec<Result<PoseSurface>> = asked.paths.par_iter().map(|path| surface(path)).collect();
-    let surfaces = surfaces.into_iter().collect::<Result<Vec<_>>>()?;
+    let surfaces: Vec<Result<_>> = asked.paths.par_iter().map(|path| prepared(path, PoseSurface::new)).collect();
+    let (surfaces, axes): (Vec<PoseSurface>, Vec<Option<Frame>>) =
+        surfaces.into_iter().collect::<Result<Vec<_>>>()?.into_iter().unzip();
     let found = group_poses(&surfaces, &asked.params, monitor).context("shape align")?;
     let named = |member: usize, text: String| format!("{}: {text}", asked.paths[member].display());
+    let axes = axes_differ(&axes, asked.paths, |path| path.display().to_string());
+    let of_poses = found.warnings.iter().map(|warning| named(warning.member(), warning.of_member()));
     Ok(Found {
         motions: found.similarities,
         distances: found.distances.iter().map(|distance| [None, Some(*distance)]).collect(),
-        warnings: found.warnings.iter().map(|warning| named(warning.member(), warning.of_member())).collect(),
+        warnings: axes.into_iter().chain(of_poses).collect(),
         typical: Some(found.template),
     })
 }

@@ -13,7 +13,8 @@ use spharm_cli::console::Console;
 use spharm_cli::output::counted;
 use spharm_cli::paths::model_name;
 use spharm_model::recorded_name;
-use spharm_surface::Hemisphere;
+use spharm_surface::io::landmarks::Frame;
+use spharm_surface::{AxesDiffer, Hemisphere};
 
 use super::args::read_all;
 
@@ -27,6 +28,15 @@ pub(super) fn equal_models(
         let names: Vec<String> = equal.into_iter().map(|index| name(&paths[index])).collect();
         format!("{}: the models are equal", names.join(", "))
     })
+}
+
+/// Returns a warning if the files of a group's surfaces stated different axes. `stated` has the axes of each member.
+pub(super) fn axes_differ(
+    stated: &[Option<Frame>],
+    paths: &[PathBuf],
+    name: impl Fn(&Path) -> String,
+) -> Option<String> {
+    AxesDiffer::of(stated).map(|axes| axes.with_names(|member| name(&paths[member])))
 }
 
 /// A group of models, all of the same degree.
@@ -65,11 +75,12 @@ pub(super) fn read_group(
         let of_model = (model.coefficients.clone(), model.scheme_key.clone());
         let hemisphere = model.hemisphere(Some(path));
         let side = hemisphere.or_else(|| side_of(model, path));
-        Ok((of_model, ((hemisphere, side), Smoothing::of(&model.provenance))))
+        Ok((of_model, ((hemisphere, side), (Smoothing::of(&model.provenance), model.provenance.axes()))))
     };
     let (models, records): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let (members, keys): (Vec<_>, Vec<_>) = models.into_iter().unzip();
-    let (of_members, smoothing): (Vec<_>, Vec<_>) = records.into_iter().unzip();
+    let (of_members, of_surfaces): (Vec<_>, Vec<_>) = records.into_iter().unzip();
+    let (smoothing, axes): (Vec<_>, Vec<_>) = of_surfaces.into_iter().unzip();
     let (hemispheres, sides): (Vec<_>, Vec<_>) = of_members.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
@@ -78,6 +89,9 @@ pub(super) fn read_group(
     if kind == Kind::Surface {
         let units = other_units(&members);
         warnings.extend(units.iter().map(|of| format!("{}: {}", paths[of.member].display(), of.of_member())));
+    }
+    if kind == Kind::Surface {
+        warnings.extend(axes_differ(&axes, paths, |path| path.display().to_string()));
     }
     // Signals have no pose, so poses are only compared for surfaces.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };

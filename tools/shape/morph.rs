@@ -22,6 +22,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check, finish};
 use super::plan::Plan;
+use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Interpolate shapes between two models
@@ -159,6 +160,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         }
         let mesh = pool.install(|| model.reconstruct(&sphere, model.coefficients.max_degree()))?;
         if !as_models {
+            if step == 0 {
+                warn_of_rounding(path, &mesh, None, monitor.console())?;
+            }
             write_mesh(path, &mesh, &options)?;
         }
         if cli.animation.is_some() {

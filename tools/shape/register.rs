@@ -16,7 +16,7 @@ use spharm_cli::paths::shown;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
 use spharm_surface::io::{Output, WriteOptions, bytes_to_read, write_mesh};
-use spharm_surface::pose::{PoseParams, PoseSurface, pose};
+use spharm_surface::pose::{FixedSurface, PoseParams, PoseSurface};
 
 use super::args::{ReportArgs, Resources};
 use super::correspond::surfaces::{read, surfaces};
@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     budget.check(format!("shape register with a template of {n} vertices"), needed)?;
     let named = || cli.template.display().to_string();
     let template = pool.install(|| Template::new(&mesh, None, &params, monitor)).with_context(named)?;
-    let fixed = PoseSurface::new(&mesh).ok_or(spharm::Error::NoArea).with_context(named)?;
+    let fixed = FixedSurface::new(&mesh).ok_or(spharm::Error::NoArea).with_context(named)?;
     let posing = PoseParams { scale: cli.scale, mirror: cli.mirror, ..PoseParams::default() };
     let columns = ["surface", "pose distance", "coverage rms", "99 %", "largest", "not reached %", "flipped"];
     let mut rows = vec![columns.map(str::to_owned).to_vec()];
@@ -104,19 +104,20 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         spharm::Monitor::check(monitor)?;
         let named = || surface.path.display().to_string();
         let subject = surface.read().with_context(named)?;
-        let (motion, distance, found) = pool.install(|| -> Result<_> {
-            let (motion, distance) = match cli.pose {
-                PoseBy::None => (Similarity::default(), None),
+        let (motion, distance, found, mirrored) = pool.install(|| -> Result<_> {
+            let (motion, distance, mirrored) = match cli.pose {
+                PoseBy::None => (Similarity::default(), None, None),
                 PoseBy::Surfaces => {
                     let moving = PoseSurface::new(&subject).ok_or(spharm::Error::NoArea).with_context(named)?;
-                    let found = pose(&moving, &fixed, &posing, monitor)?;
-                    (found.similarity, Some(found.distance))
+                    let (found, mirrored) = fixed.pose(&moving, &posing, monitor)?;
+                    (found.similarity, Some(found.distance), mirrored)
                 }
             };
             let subject = Subject::new(&motion.apply_mesh(&subject)).with_context(named)?;
             let found = register(&template, &subject, &[], &params, monitor).with_context(named)?;
-            Ok((motion, distance, found))
+            Ok((motion, distance, found, mirrored))
         })?;
+        warnings.extend(mirrored.map(|mirrored| format!("{}: {mirrored}", surface.name)));
         let cover = found.cover;
         if cover.unreached > 0.02 {
             let (share, farthest) = (100.0 * cover.unreached, cover.farthest);

@@ -21,18 +21,25 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::outputs::{check, check_folder, finish, outputs};
 use super::plan::Plan;
+use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Number of integration steps with which vertices are moved. The integration error is far below the resolution of a
 /// mesh.
 const STEPS: usize = 16;
 
+/// A warning is given if `--even` on a model's own sphere leaves a spread of the triangles' areas above `UNEVEN`, and
+/// above this fraction of the earlier spread.
+const LITTLE: f64 = 0.8;
+/// Largest spread that isn't warned of; see [`LITTLE`].
+const UNEVEN: f64 = 0.2;
+
 /// Make meshes of models: within a distance, at several degrees, or with evenly spread vertices
 ///
 /// Omitting the degrees above a given degree moves the surface by a root mean square distance that is known exactly.
-/// --tolerance uses the lowest degree for which this distance is small enough. --levels writes a mesh for each given
-/// degree, all with the same triangles. --even moves the vertices so that they are spread evenly over the surface's
-/// area.
+/// --tolerance uses the lowest degree for which this distance is small enough; a coarse mesh is farther from the
+/// model. --levels writes a mesh for each given degree, all with the same triangles. --even moves the vertices so that
+/// they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -72,8 +79,8 @@ struct Degree {
     /// Highest degree to use [default: the model's degree]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Use the lowest degree that keeps the mesh within this root mean square distance of the model, in the model's
-    /// unit
+    /// Use the lowest degree whose surface is within this root mean square distance of the model, in the model's unit;
+    /// the distance of the mesh's flat triangles from this surface isn't included
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
     /// Degrees at which to make meshes, with a file for each
@@ -176,7 +183,17 @@ fn one(
     let mut reports = Vec::new();
     for (degree, target) in degrees.into_iter().zip(targets) {
         let mesh = model.reconstruct(sphere, degree).with_context(named)?;
+        let spread = area_spread(&mesh);
+        let uneven = |before: &f64| shared.is_none() && spread > UNEVEN.max(LITTLE * before);
+        if let Some(before) = even.as_ref().map(|even| even.before).filter(uneven) {
+            monitor.console().warn(format!(
+                "{}: --even reduced the spread of the triangles' areas only from {before:.2} to {spread:.2}, because the \
+                 vertices of the model's own sphere are spread unevenly; use --icosphere",
+                target.display()
+            ));
+        }
         prepare(target)?;
+        warn_of_rounding(target, &mesh, Some(cli.double), monitor.console())?;
         write_mesh(target, &mesh, &options)?;
         reports.push(json!({
             "model": shown(path),
@@ -184,7 +201,7 @@ fn one(
             "vertices": mesh.vertices.len(),
             "degree": degree,
             "distance": tails[degree],
-            "area_spread": area_spread(&mesh),
+            "area_spread": spread,
             "area_spread_before": even.as_ref().map(|even| even.before),
             "folded": even.as_ref().map(|even| even.folded),
             "seconds": started.elapsed().as_secs_f64(),

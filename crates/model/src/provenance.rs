@@ -5,6 +5,7 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use spharm_surface::Meta;
+use spharm_surface::io::landmarks::Frame;
 use spharm_surface::range::times_within;
 
 use crate::file_record::{self, FileRecord};
@@ -245,6 +246,12 @@ impl Provenance {
     #[must_use]
     pub fn parse(json: &str) -> Self {
         serde_json::from_str(json).unwrap_or_default()
+    }
+
+    /// Returns the axes that the surface's file stated, if any; see [`Meta::axes`].
+    #[must_use]
+    pub fn axes(&self) -> Option<Frame> {
+        self.geometry.as_ref()?.to_meta().axes()
     }
 
     /// Stores the metadata of a surface's file in the provenance.

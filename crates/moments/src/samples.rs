@@ -276,10 +276,14 @@ impl Plan {
                     };
                     if needs_unit && (length - 1.0).abs() > UNIT {
                         let found = format!("length {length}");
-                        return Err(BadRow {
-                            found,
-                            ..bad(0, "a unit vector (give the value `radius` to use the lengths of vectors)")
-                        });
+                        // A column called `radius` takes precedence over the lengths.
+                        let expected = if self.names.iter().any(|name| name == RADIUS) {
+                            "a unit vector (the value `radius` is the table's own column; rename it to use the lengths \
+                             of vectors)"
+                        } else {
+                            "a unit vector (give the value `radius` to use the lengths of vectors)"
+                        };
+                        return Err(BadRow { found, ..bad(0, expected) });
                     }
                     radius = length;
                     unit

@@ -89,6 +89,13 @@ fn positions_of_all_kinds_are_the_same_places() {
     for path in [&angles, &xyz, &saved] {
         same(&expected, &read(path, &["f"]));
     }
+    // Pandas writes the numbers of columns without names as a header.
+    let places = table("places.csv", "0,1,2", &|i| format!("{},{},{i}", PLACES[i][0], PLACES[i][1]));
+    let mut places = request(&places, &["2"]);
+    places.columns.positions = Some(Positions::LonLat(["0", "1"].map(str::to_owned)));
+    same(&expected, &accumulate(&places, &Silent).unwrap().moments);
+    let own = table("own.csv", "x,y,z,radius", &|i| vectors()[i].map(|x| (3.0 * x).to_string()).join(",") + ",2");
+    refused(&request(&own, &["radius"]), &["row 1", "the table's own column; rename it"]);
     // A table of the same directions, as vectors from another centre, with the lengths of the vectors as values.
     let moved = table("d.csv", "x,y,z", &|i| {
         let v = vectors()[i];
@@ -269,7 +276,8 @@ fn fields_that_are_not_requested_may_have_any_type() {
         [b"name", &place[..], &half.to_le_bytes(), &[0; 5]].concat()
     };
     let values: Vec<u8> = vectors().iter().enumerate().flat_map(|(i, v)| row(v, i)).collect();
-    let fields = "[('id', '|S4'), ('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('f', '<f2'), ('', '|V4'), ('ok', '|b1')]";
+    let fields =
+        "[('id', '|S4'), ('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('f', '<f2'), ('', '<i2', (2,)), ('ok', '|b1')]";
     let path = folder.file("fields.npy", npy(fields, false, "(6,)", &values));
     let found = read(&path, &["f"]);
     assert_eq!((found.rows, found.sums.squares[0]), (6, 55.0));

@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::json;
 use spharm::correspond::{CorrespondParams, GuideLandmarks, Signals, correspond as make};
-use spharm::pose::{PoseParams, PoseSearch, PoseSurface, pose as find_pose};
+use spharm::pose::{FixedSurface, PoseParams, PoseSearch, PoseSurface};
 use spharm::register::{RegisterParams, Subject, Template, register as move_template};
 use spharm::shape::Similarity;
 use spharm::shape::groupwise::GroupwiseParams;
@@ -100,8 +100,8 @@ fn shape_correspond(
 
 /// A template that was registered to a surface: its vertices in the frame of the surface; its triangles; whether each
 /// vertex has a counterpart on the surface; as JSON, the transform of the surface to the template, and the distances of
-/// the surface from the registered template.
-type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<bool>>, String, String);
+/// the surface from the registered template; warnings.
+type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<bool>>, String, String, Vec<String>);
 
 /// Registers a template to a surface: moves the template's vertices onto the surface.
 #[pyfunction]
@@ -119,15 +119,16 @@ fn shape_register<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Registration<'py>> {
     let (template, surface) = (template.source("template")?, surface.source("surface")?);
-    let (moved, reached, similarity, cover) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+    let (moved, reached, similarity, cover, mirrored) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let (shape, mut surface) = (template.read()?, surface.read()?);
-        let mut similarity = Similarity::default();
+        let (mut similarity, mut mirrored) = (Similarity::default(), None);
         if pose {
-            let (fixed, moving) = rayon::join(|| PoseSurface::new(&shape), || PoseSurface::new(&surface));
+            let (fixed, moving) = rayon::join(|| FixedSurface::new(&shape), || PoseSurface::new(&surface));
             let (fixed, moving) =
                 (fixed.ok_or_else(|| no_area("template"))?, moving.ok_or_else(|| no_area("surface"))?);
             let params = PoseParams { scale, mirror, ..PoseParams::default() };
-            similarity = find_pose(&moving, &fixed, &params, monitor).map_err(Error::from)?.similarity;
+            let (found, doubt) = fixed.pose(&moving, &params, monitor).map_err(Error::from)?;
+            (similarity, mirrored) = (found.similarity, doubt);
             surface = similarity.apply_mesh(&surface);
         }
         let params = RegisterParams::default();
@@ -141,10 +142,12 @@ fn shape_register<'py>(
             "unreached": found.cover.unreached,
             "turned": found.turned,
         });
-        Ok((back.apply_mesh(&shape.with_vertices(found.vertices)), found.reached, similarity, cover))
+        let moved = back.apply_mesh(&shape.with_vertices(found.vertices));
+        Ok((moved, found.reached, similarity, cover, mirrored))
     })?;
     let (vertices, faces) = mesh_arrays(py, moved);
-    Ok((vertices, faces, reached.into_pyarray(py), transform(&similarity).to_string(), cover.to_string()))
+    let (reached, warnings) = (reached.into_pyarray(py), mirrored.iter().map(ToString::to_string).collect());
+    Ok((vertices, faces, reached, transform(&similarity).to_string(), cover.to_string(), warnings))
 }
 
 fn no_area(name: &str) -> Failure {
@@ -152,7 +155,7 @@ fn no_area(name: &str) -> Failure {
 }
 
 /// Finds the transform that moves a surface onto another one. Returns the transform as JSON, the distance between the
-/// surfaces after this transform, and the distance after the best clearly different transform.
+/// surfaces after this transform, the distance after the best clearly different transform, and warnings.
 #[pyfunction]
 #[pyo3(signature = (surface, target, *, scale, mirror, threads = None, progress = None))]
 fn shape_pose(
@@ -163,14 +166,15 @@ fn shape_pose(
     mirror: bool,
     threads: Option<usize>,
     progress: Option<Bound<'_, PyAny>>,
-) -> PyResult<(String, f64, f64)> {
+) -> PyResult<(String, f64, f64, Vec<String>)> {
     let (surface, target) = (surface.source("surface")?, target.source("target")?);
-    let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
+    let (found, mirrored) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let (surface, target) = (surface.read()?, target.read()?);
-        let (moving, fixed) = rayon::join(|| PoseSurface::new(&surface), || PoseSurface::new(&target));
+        let (moving, fixed) = rayon::join(|| PoseSurface::new(&surface), || FixedSurface::new(&target));
         let (moving, fixed) = (moving.ok_or_else(|| no_area("surface"))?, fixed.ok_or_else(|| no_area("target"))?);
         let params = PoseParams { scale, mirror, ..PoseParams::default() };
-        Ok(find_pose(&moving, &fixed, &params, monitor).map_err(Error::from)?)
+        Ok(fixed.pose(&moving, &params, monitor).map_err(Error::from)?)
     })?;
-    Ok((transform(&found.similarity).to_string(), found.distance, found.second))
+    let warnings = mirrored.iter().map(ToString::to_string).collect();
+    Ok((transform(&found.similarity).to_string(), found.distance, found.second, warnings))
 }

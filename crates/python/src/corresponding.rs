@@ -13,7 +13,7 @@ use spharm::correspond::{
     NewMember,
 };
 use spharm::model::made;
-use spharm::pose::{GroupPoseWarning, PoseParams};
+use spharm::pose::PoseParams;
 use spharm::shape::groupwise::{GroupwiseReport, StageReport};
 use spharm::shape::{Rotation, Similarity, Transform};
 use spharm::{Error, Kind, Model as InnerModel, Stage};
@@ -102,14 +102,9 @@ impl Group {
 
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        let of_pose = |warning: &CorrespondWarning| match warning {
-            CorrespondWarning::Pose(of_pose) => Some(*of_pose),
-            _ => None,
-        };
-        let of_poses: Vec<GroupPoseWarning> = self.inner.report.warnings.iter().filter_map(of_pose).collect();
         let moved = self.names.iter().zip(&self.inner.similarities);
         let members: Vec<(&str, bool)> = moved.map(|(name, moved)| (name.as_str(), moved.mirrors())).collect();
-        let of_group = GroupPoseWarning::two_sides(&of_poses, &members);
+        let of_group = self.inner.report.of_group(&members);
         let of_members = self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member]));
         of_group.into_iter().chain(of_members).collect()
     }

@@ -10,6 +10,8 @@ use spharm::shape::{
     to_common_degree,
 };
 use spharm::{Kind, Monitor};
+use spharm_surface::AxesDiffer;
+use spharm_surface::io::landmarks::Frame;
 
 use crate::errors::Failure;
 use crate::models::Model;
@@ -22,16 +24,22 @@ pub(crate) struct Group {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Kind and coefficients of a model, the key of its sphere's sampling scheme, and its smoothing.
-pub(crate) type Given = (Kind, Coefficients, Option<String>, Smoothing);
+/// Kind and coefficients of a model, the key of its sphere's sampling scheme, its smoothing, and the axes that the
+/// surface's file stated.
+pub(crate) type Given = (Kind, Coefficients, Option<String>, Smoothing, Option<Frame>);
 
-/// Returns kind, coefficients, scheme key and smoothing of each model. The models may have different degrees.
+/// Returns kind, coefficients, scheme key, smoothing and axes of each model. The models may have different degrees.
 pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
     let given = |model: &spharm::Model| {
         let smoothing = Smoothing::of(&model.provenance);
-        (model.kind(), model.coefficients.clone(), model.scheme_key.clone(), smoothing)
+        (model.kind(), model.coefficients.clone(), model.scheme_key.clone(), smoothing, model.provenance.axes())
     };
     models.iter().map(|model| given(&model.get().inner)).collect()
+}
+
+/// Returns a warning if the files of a group's surfaces stated different axes. `stated` has the axes of each model.
+pub(crate) fn axes_differ(stated: impl Iterator<Item = Option<Frame>>) -> Option<String> {
+    AxesDiffer::of(&stated.collect::<Vec<_>>()).map(|axes| axes.with_names(|index| format!("models[{index}]")))
 }
 
 /// Truncates or pads the coefficients of surfaces, or of signals with one channel, to `degree`. By default, `degree` is
@@ -58,17 +66,20 @@ pub(crate) fn group(
     let CommonDegree { members, degree, warning } =
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
-    let smoothing: Vec<Smoothing> = models.iter().map(|(.., smoothing)| *smoothing).collect();
+    let smoothing: Vec<Smoothing> = models.iter().map(|(_, _, _, smoothing, _)| *smoothing).collect();
     let smoothing = SmoothingDiffers::of(&smoothing);
     warnings.extend(smoothing.map(|differs| differs.with_names(|index| format!("models[{index}]"))));
     if kind == Kind::Surface {
         let units = other_units(&members);
         warnings.extend(units.iter().map(|of| format!("models[{}]: {}", of.member, of.of_member())));
     }
+    if kind == Kind::Surface {
+        warnings.extend(axes_differ(models.iter().map(|(.., axes)| *axes)));
+    }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
     // Check whether the parameters correspond only if the poses agree, because models in different poses never
     // correspond.
-    if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, _)| key.as_deref())) {
+    if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, ..)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
     warnings.extend(poses.map(|poses| format!("{poses} (shape.procrustes)")));

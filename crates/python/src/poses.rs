@@ -10,6 +10,7 @@ use spharm::shape::{AlignParams, Method, ProcrustesParams, Rotation, Similarity,
 use spharm::{Error, Kind, Model as Inner, Monitor, Silent};
 
 use crate::errors::{Failure, exception};
+use crate::groups::axes_differ;
 use crate::models::Model;
 use crate::run::run_owned;
 
@@ -171,6 +172,7 @@ pub(crate) fn shape_procrustes(
     let params =
         ProcrustesParams { align: settings.params(default.align.starts)?, templates: settings.templates, ..default };
     let models: Vec<Inner> = models.iter().map(|model| model.get().inner.clone()).collect();
+    let axes = axes_differ(models.iter().map(|model| model.provenance.axes()));
     let (moved, found) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         refuse_signals("models", &models)?;
         let members: Vec<Coefficients> = models.iter().map(|model| model.coefficients.clone()).collect();
@@ -195,7 +197,7 @@ pub(crate) fn shape_procrustes(
         "spread_after": report.spread_after,
         "rmsd": report.rmsd,
         "templates": report.ends.iter().map(end).collect::<Vec<_>>(),
-        "warnings": report.warnings.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "warnings": report.warnings.iter().map(ToString::to_string).chain(axes).collect::<Vec<_>>(),
     });
     let moved = moved.into_iter().map(|inner| Model { inner }).collect();
     let mean = Model { inner: made(found.mean, Kind::Surface, "shape align") };

@@ -9,12 +9,13 @@ use spharm::{Error, Mesh, Silent};
 
 use crate::arrays::{Faces, Positions, mesh};
 use crate::errors::Failure;
+use crate::metadata::{Metadata, with_metadata};
 
-/// A surface as passed from Python: the path of a file, or vertices and triangles.
+/// A surface as passed from Python: the path of a file, or vertices, triangles and the metadata of the surface's file.
 #[derive(FromPyObject)]
 pub(crate) enum Given<'py> {
     File(PathBuf),
-    Arrays(Positions<'py>, Faces<'py>),
+    Arrays(Positions<'py>, Faces<'py>, Option<Metadata>),
 }
 
 /// A surface that doesn't depend on the interpreter's data. Files are read when they are needed, so that a group need
@@ -28,7 +29,9 @@ impl Given<'_> {
     pub(crate) fn source(self, what: &str) -> PyResult<Source> {
         Ok(match self {
             Self::File(path) => Source::File(path),
-            Self::Arrays(vertices, faces) => Source::Mesh(Box::new(mesh(what, &vertices, &faces)?)),
+            Self::Arrays(vertices, faces, metadata) => {
+                Source::Mesh(Box::new(with_metadata(mesh(what, &vertices, &faces)?, metadata)))
+            }
         })
     }
 }

@@ -12,7 +12,9 @@ use spharm::io::{
     WriteOptions, is_named_mesh, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
     write_signal,
 };
-use spharm::metrics::{SurfaceDistanceParams, compare_at, distances_to_surface, surface_distance_at, vertex_distances};
+use spharm::metrics::{
+    SurfaceDistanceParams, Unpaired, compare_at, distances_to_surface, surface_distance_at, vertex_distances,
+};
 use spharm::parametrize::quality::Quality;
 use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
@@ -327,7 +329,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
 }
 
 /// Compares two meshes whose vertices correspond. Returns msd, xsd and related numbers, the vertex with the largest
-/// distance, and the distance at each vertex.
+/// distance, the distance at each vertex and, with `check`, a warning if the vertices don't correspond.
 #[pyfunction]
 fn compare<'py>(
     py: Python<'py>,
@@ -336,15 +338,18 @@ fn compare<'py>(
     others: Positions<'py>,
     other_faces: Faces<'py>,
     mask: Option<PyReadonlyArray1<'py, bool>>,
-) -> PyResult<([f64; 5], usize, Bound<'py, PyArray1<f64>>)> {
+    check: bool,
+) -> PyResult<([f64; 5], usize, Bound<'py, PyArray1<f64>>, Option<String>)> {
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
     let mask = mask.map(|mask| mask.as_array().to_vec());
-    let (found, each) = run(py, None, None, move |_| {
+    let (found, each, unpaired) = run(py, None, None, move |_| {
         let found = compare_at(&first, &second, mask.as_deref())?;
-        Ok((found, vertex_distances(&first.vertices, &second.vertices)?))
+        let each = vertex_distances(&first.vertices, &second.vertices)?;
+        let unpaired = if check { Unpaired::of(&first, &second, mask.as_deref(), &found)? } else { None };
+        Ok((found, each, unpaired.map(|found| found.to_string())))
     })?;
     let figures = [found.msd, found.xsd, found.rms_raw, found.max_raw, found.scale];
-    Ok((figures, found.worst_vertex, each.into_pyarray(py)))
+    Ok((figures, found.worst_vertex, each.into_pyarray(py), unpaired))
 }
 
 /// Measures the distance between two surfaces over their whole area. Returns the measured numbers as JSON, and the

@@ -159,8 +159,12 @@ pub enum Remedy {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TestWarning {
-    /// At some vertices all subjects have equal values, or the components of the values are linearly dependent.
-    #[error("the values have no variance at {vertices} of {of} vertices: there, the statistic is set to 0 and p to 1")]
+    /// At some vertices all subjects have equal values, the effect explains all differences, or the components of the
+    /// values are linearly dependent.
+    #[error(
+        "the errors of the linear model have no variance at {vertices} of {of} vertices, because the values are equal \
+         or the effect explains all differences: there, the statistic is set to 0 and p to 1"
+    )]
     NoVariance {
         /// Number of vertices without variance.
         vertices: usize,

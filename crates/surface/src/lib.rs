@@ -58,6 +58,7 @@
 #![forbid(unsafe_code)]
 
 mod angles;
+mod axes_differ;
 mod error;
 pub mod geometry;
 mod hemisphere;
@@ -87,6 +88,7 @@ pub mod topology;
 mod volume_geometry;
 
 pub use angles::look_like_radians;
+pub use axes_differ::AxesDiffer;
 pub use error::SurfaceError;
 pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};

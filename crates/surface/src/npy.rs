@@ -9,9 +9,12 @@
 //! entry  = "'descr':" (type | "[" field ("," field)* [","] "]")
 //!        | "'fortran_order':" ("True" | "False")
 //!        | "'shape':" "(" [number ("," number)* [","]] ")"
-//! field  = "(" string "," type ")"
-//! type   = a string of "<", ">", "|" or "=", a letter and a number of bytes (of characters for "U")
+//! field  = "(" string "," type ["," "(" [number ("," number)* [","]] ")"] ")"
+//! type   = a string of "<", ">", "|" or "=", a letter, a number of bytes (of characters for "U"), and for "M" and "m"
+//!          a unit of time in brackets
 //! ```
+//!
+//! A field with a shape, and dates and times, have the kind `V`: bytes without a meaning for the readers.
 //!
 //! A string has either kind of quotation marks and no escapes. The grammar doesn't nest, so the parser never recurses.
 //! No memory is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
@@ -120,7 +123,11 @@ impl Type {
             _ => (text, '='),
         };
         let kind = rest.chars().next().filter(char::is_ascii_alphabetic)?;
-        let digits = rest.get(1..).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
+        let (kind, digits) = match (kind, rest.get(1..)?.split_once('[')) {
+            ('M' | 'm', Some((digits, unit))) if unit.ends_with(']') => ('V', digits),
+            _ => (kind, rest.get(1..)?),
+        };
+        let digits = Some(digits).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
         let size: usize = digits.parse().ok()?;
         // A character of a string has four bytes. Strings may be empty. Other values of size 0 are rejected, since a
         // file without bytes could claim any number of them.
@@ -180,7 +187,13 @@ impl<'a> Parser<'a> {
             let name = parser.string()?.to_owned();
             parser.expect(",")?;
             let own = |problem| format!("field {}: {problem}", shown(&name));
-            let Type { kind, size, little } = parser.one_type().map_err(own)?;
+            let Type { mut kind, mut size, little } = parser.one_type().map_err(own)?;
+            if parser.take(",") {
+                let shape = parser.shape().map_err(own)?;
+                let whole = shape.iter().try_fold(size, |product, &n| product.checked_mul(n));
+                size = whole.ok_or_else(|| own("more bytes than memory can address".to_owned()))?;
+                kind = 'V';
+            }
             parser.expect(")").map_err(own)?;
             Ok(Field { name, kind, size, little })
         })?;
@@ -304,6 +317,10 @@ mod tests {
         let fields: Vec<_> = header.fields.iter().map(|f| (f.name.as_str(), f.kind, f.size, f.little)).collect();
         assert_eq!(fields, [("lon", 'f', 8, true), ("it's", 'i', 2, false)]);
         assert_eq!((header.kind, header.size, header.bytes()), ('V', 10, Some(50)));
+        let text =
+            "{'descr': [('t', '<M8[ns]'), ('x', '<f4', (2, 3)), ('h', '<f8')], 'fortran_order': False, 'shape': (5,)}";
+        let fields: Vec<_> = read(text).unwrap().fields.iter().map(|f| (f.kind, f.size)).collect();
+        assert_eq!(fields, [('V', 8), ('V', 24), ('f', 8)]);
     }
 
     #[test]
@@ -323,7 +340,8 @@ mod tests {
             "{'descr': '|V0', 'fortran_order': False, 'shape': (1,)}",
             "{'descr': '<f8\x1b[2J\n\x07', 'fortran_order': False, 'shape': (1,)}",
             "{'descr': '<U4611686018427387904', 'fortran_order': False, 'shape': (1,)}",
-            "{'descr': [('a', '<f8', (2,))], 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': [('a', '<f8', (4398046511104, 4398046511104))], 'fortran_order': False, 'shape': (1,)}",
+            "{'descr': '<M8[s', 'fortran_order': False, 'shape': (1,)}",
             "{'descr': [], 'fortran_order': False, 'shape': (1,)}",
             "{'a\\'': 1}",
             "",

@@ -276,7 +276,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         far.unwrap_or_else(|| surfaces::named(error, surfaces))
     })?;
     let mut warnings = volume_warnings(surfaces.iter());
-    warnings.extend(surfaces::two_sides(&group, surfaces));
+    warnings.extend(surfaces::of_group(&group, surfaces));
     for warning in &group.report.warnings {
         let member = warning.member();
         let text = warning.of_member(|other| surfaces[other].name.clone());

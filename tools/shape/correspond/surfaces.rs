@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use anyhow::{Result, bail};
 use serde::Deserialize;
-use spharm::correspond::{CorrespondParams, CorrespondWarning, Group};
+use spharm::correspond::{CorrespondParams, Group};
 use spharm::parametrize::volume::{LabelVolume, VolumeDoubt, VolumeDoubts, VolumeReading, is_volume};
 use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
 use spharm_cli::inputs::{expand_lists, stem, tidied};
@@ -17,7 +17,6 @@ use spharm_cli::threads::Threads;
 use spharm_cohort::{Manifest, Row, is_model};
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::{bytes_to_read, read_mesh, read_signal};
-use spharm_surface::pose::GroupPoseWarning;
 
 use crate::shape::table::{LANDMARKS, files_of};
 
@@ -162,16 +161,11 @@ pub(super) fn volume_warnings<'a>(surfaces: impl IntoIterator<Item = &'a Surface
     doubts.warnings()
 }
 
-/// Returns a warning if the group seems to mix left and right sides.
-pub(super) fn two_sides(group: &Group, surfaces: &[Surface]) -> Option<String> {
-    let of_pose = |warning: &CorrespondWarning| match warning {
-        CorrespondWarning::Pose(of_pose) => Some(*of_pose),
-        _ => None,
-    };
-    let of_poses: Vec<GroupPoseWarning> = group.report.warnings.iter().filter_map(of_pose).collect();
+/// Returns the warnings about the whole group.
+pub(super) fn of_group(group: &Group, surfaces: &[Surface]) -> Vec<String> {
     let moved = surfaces.iter().zip(&group.similarities);
     let members: Vec<(&str, bool)> = moved.map(|(surface, moved)| (surface.name.as_str(), moved.mirrors())).collect();
-    GroupPoseWarning::two_sides(&of_poses, &members)
+    group.report.of_group(&members)
 }
 
 /// Reads a mesh, or the mesh of a model.

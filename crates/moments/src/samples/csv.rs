@@ -134,7 +134,8 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
 
 /// Reads the beginning of a table. Returns the names of the columns, the separator, and the number of bytes before the
 /// first row. The names are taken from the header, or from a comment just before the first row, because `numpy.savetxt`
-/// writes a header as a comment. Without a header, the names are the columns' indices from 0.
+/// writes a header as a comment. Without a header, the names are the columns' indices from 0, which may also be the
+/// header ([`are_places`]).
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
     let mut comment = Vec::new();
@@ -160,7 +161,7 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
         let mut words: Vec<&[u8]> = Vec::new();
         split(text, separator, &mut words);
         let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').replace("\"\"", "\"");
-        if words.iter().all(|word| number(word).is_some()) {
+        if words.iter().all(|word| number(word).is_some()) && !are_places(&words) {
             let mut names: Vec<&[u8]> = Vec::new();
             split(&comment, separator, &mut names);
             let names = if names.len() == words.len() && names.iter().all(|word| number(word).is_none()) {
@@ -172,6 +173,12 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
         }
         return Ok((words.iter().map(name).collect(), separator, at + count as u64));
     }
+}
+
+/// Returns whether the cells of the first line are the columns' indices 0, 1, 2 and so on, as pandas writes them for
+/// columns without names. At least three cells are required, so that a line of two small numbers remains a row.
+fn are_places(cells: &[&[u8]]) -> bool {
+    cells.len() > 2 && cells.iter().enumerate().all(|(place, cell)| *cell == place.to_string().as_bytes())
 }
 
 fn too_long(path: &Path) -> MomentsError {

@@ -2,6 +2,9 @@
 
 use crate::geometry::{cross, dot};
 
+/// Largest relative difference between a voxel size in a file, in single precision, and the same size in another unit.
+const ROUNDING: f64 = 1e-5;
+
 /// The rows of a 3 x 4 matrix that maps voxel coordinates (i, j, k) to RAS+ mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Affine(pub [[f64; 4]; 3]);
@@ -16,11 +19,15 @@ impl Affine {
         Self([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]])
     }
 
-    /// Returns the matrix with the same directions and origin, but voxels of the given size.
+    /// Returns the matrix with the same directions and origin, but voxels of the given size. If the size differs from
+    /// the present one only by a power of ten, it is the same size in another unit, so the origin is also converted.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
         let lengths = self.voxel_size();
         let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);
-        Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d]))
+        let unit = 10_f64.powi(factors[0].log10().round() as i32);
+        let is_unit = factors.iter().all(|factor| (factor / unit - 1.0).abs() < ROUNDING);
+        let of_origin = if is_unit { unit } else { 1.0 };
+        Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d * of_origin]))
     }
 
     /// Returns the matrix with all positions multiplied by a factor.
@@ -51,5 +58,21 @@ impl Affine {
     pub(super) fn is_valid(&self) -> bool {
         let volume = self.determinant();
         volume.is_finite() && volume != 0.0 && self.0.as_flattened().iter().all(|x| x.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_size_in_another_unit_converts_the_origin() {
+        let affine = Affine([[0.0, -0.8, 0.0, 12.0], [1.0, 0.0, 0.0, -30.0], [0.0, 0.0, 2.0, 44.0]]).scaled(1e-3);
+        let found = affine.with_voxel_size([1.0, 0.8, 2.0]).apply([0.0; 3]);
+        assert!((0..3).all(|k| (found[k] - [12.0, -30.0, 44.0][k]).abs() < 1e-12), "{found:?}");
+        // Another size keeps the origin and the directions.
+        let found = affine.with_voxel_size([1.0, 1.0, 2.0]);
+        assert_eq!((found.apply([0.0; 3]), found.voxel_size()), (affine.apply([0.0; 3]), [1.0, 1.0, 2.0]));
+        assert!(found.0[0][1] < 0.0);
     }
 }

@@ -33,7 +33,8 @@ impl Source<'_> {
     /// has no voxel size. The caller's size replaces a missing or invalid size here; it replaces a valid size after the
     /// file has been read.
     pub(super) fn affine(&self, found: Result<[f64; 3], &'static str>) -> Result<Affine, ParametrizeError> {
-        let is_valid = |size: [f64; 3]| size.iter().all(|x| x.is_finite() && *x > 0.0);
+        // A negative size is an axis that is stored in the opposite direction.
+        let is_valid = |size: [f64; 3]| size.iter().all(|x| x.is_finite() && *x != 0.0);
         let size = match (found, self.voxel_size) {
             (Ok(size), given) => given.filter(|_| !is_valid(size)).unwrap_or(size),
             (Err(_), Some(given)) => given,

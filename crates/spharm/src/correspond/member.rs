@@ -190,9 +190,7 @@ impl Joining {
     ) -> Result<Vec<CorrespondWarning>, Error> {
         let warnings = |warning| Ok(vec![CorrespondWarning::Pose(warning)]);
         let far = self.usual.and_then(|usual| of_model.far(&usual));
-        let scale = self.params.pose.scale || posed.at_one_size.is_some();
-        let distance = posed.at_one_size.map_or(posed.distance, |scaled| scaled.distance);
-        let any = PoseParams { search: PoseSearch::Any, scale, ..self.params.pose };
+        let (distance, any) = posed.compared(&self.params.pose);
         let searched = |surface: &Mesh| -> Result<f64, Error> {
             let surface = PoseSurface::new(surface).ok_or(Error::NoArea)?;
             Ok(pose(&surface, &self.pose, &any, monitor)?.distance)

@@ -5,6 +5,7 @@ use std::fmt;
 use serde::Serialize;
 use spharm_register::Cover;
 use spharm_shape::groupwise::GroupwiseReport;
+use spharm_surface::AxesDiffer;
 use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
@@ -31,12 +32,29 @@ pub struct CorrespondReport {
     pub members: Vec<MemberReport>,
     /// Reasons to check members.
     pub warnings: Vec<CorrespondWarning>,
+    /// Set if the members' files state different axes.
+    pub axes: Option<AxesDiffer>,
     /// Report on guiding landmarks; `None` without landmarks.
     pub guide: Option<GuideReport>,
     /// Report on the refinement; `None` if it was skipped.
     pub refinement: Option<GroupwiseReport>,
     /// Wall time of the steps in seconds, in order.
     pub seconds: Vec<(&'static str, f64)>,
+}
+
+impl CorrespondReport {
+    /// Returns the warnings about the whole group. `members` has the name of each member, and whether the member was
+    /// mirrored.
+    #[must_use]
+    pub fn of_group(&self, members: &[(&str, bool)]) -> Vec<String> {
+        let of_pose = |warning: &CorrespondWarning| match warning {
+            CorrespondWarning::Pose(of_pose) => Some(*of_pose),
+            _ => None,
+        };
+        let of_poses: Vec<GroupPoseWarning> = self.warnings.iter().filter_map(of_pose).collect();
+        let axes = self.axes.as_ref().map(|axes| axes.with_names(|member| members[member].0.to_owned()));
+        GroupPoseWarning::two_sides(&of_poses, members).into_iter().chain(axes).collect()
+    }
 }
 
 /// Report on the registration of one member; lengths are in the group's unit.
@@ -147,11 +165,11 @@ impl CorrespondWarning {
     #[must_use]
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {
-            Self::Pose(warning @ GroupPoseWarning::Doubtful { .. }) => format!(
-                "{}; guide the registration by landmarks or, if the given poses are right, search only near them \
-                 (pose near)",
-                warning.of_member()
-            ),
+            Self::Pose(warning @ GroupPoseWarning::Doubtful { near, .. }) => {
+                let or_near =
+                    if *near { "" } else { " or, if the given poses are right, search only near them (pose near)" };
+                format!("{}; guide the registration by landmarks{or_near}", warning.of_member())
+            }
             Self::Pose(warning) => warning.of_member(),
             Self::Unreached { share, farthest, .. } => format!(
                 "the template doesn't reach {:.1} % of this surface (largest distance {farthest:.4}): the surface has \
@@ -171,5 +189,43 @@ impl CorrespondWarning {
 impl fmt::Display for CorrespondWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "member {}: {}", self.member(), self.of_member(|other| format!("member {other}")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_monitor::Silent;
+    use spharm_surface::generate::icosphere;
+
+    use super::*;
+    use crate::correspond::{CorrespondParams, correspond};
+
+    #[test]
+    fn only_a_search_of_all_poses_advises_to_search_near_the_given_ones() {
+        let text = |near| {
+            let doubtful = GroupPoseWarning::Doubtful { member: 0, distance: 1.0, second: 1.05, near };
+            CorrespondWarning::Pose(doubtful).of_member(|_| String::new())
+        };
+        assert!(text(false).ends_with(
+            "guide the registration by landmarks or, if the given poses are right, search only near them (pose near)"
+        ));
+        assert!(text(true).ends_with("; guide the registration by landmarks"), "{}", text(true));
+    }
+
+    #[test]
+    fn a_group_whose_files_state_different_axes_is_warned_about() {
+        let ball = icosphere(3);
+        let read = |index: usize| {
+            let mut mesh =
+                ball.with_vertices(ball.vertices.iter().map(|[x, y, z]| [9.0 * x, 6.0 * y, 4.0 * z]).collect());
+            let axes = ["LPS", "RAS", "LPS"].get(index).map(|axes| ("SPACE".to_owned(), (*axes).to_owned()));
+            mesh.meta.file_metadata.extend(axes);
+            Ok(mesh)
+        };
+        let params = CorrespondParams::up_to(3).with_subdivisions(2).with_rounds(1).with_refinement(None);
+        let group = correspond(4, &read, &params, &Silent).unwrap();
+        assert_eq!(group.report.axes, Some(AxesDiffer { lps: vec![0, 2], ras: vec![1] }));
+        let warnings = group.report.of_group(&["a", "b", "c", "d"].map(|name| (name, false)));
+        assert!(warnings.iter().any(|text| text.contains("LPS for a, c; RAS for b")), "{warnings:?}");
     }
 }

@@ -7,9 +7,9 @@ use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::{
-    GroupPoseWarning, GroupPoses, Pose, PoseParams, PoseSurface, ScaledPose, group_poses, pose,
+    GroupPoseWarning, GroupPoses, Pose, PoseParams, PoseSearch, PoseSurface, ScaledPose, group_poses, pose,
 };
-use spharm_surface::{Mesh, Similarity, Sphere};
+use spharm_surface::{AxesDiffer, Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
 use super::frames::to_final;
@@ -35,6 +35,7 @@ struct Posed {
     sizes: Vec<[f64; 2]>,
     template: Option<usize>,
     warnings: Vec<CorrespondWarning>,
+    axes: Option<AxesDiffer>,
 }
 
 pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Group, Error> {
@@ -44,7 +45,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         seconds.push((name, mark.elapsed().as_secs_f64()));
         mark = Instant::now();
     };
-    let Posed { mut similarities, distances, sizes, template, mut warnings } = poses(subjects, params, monitor)?;
+    let Posed { mut similarities, distances, sizes, template, mut warnings, axes } = poses(subjects, params, monitor)?;
     for (index, similarity) in similarities.iter_mut().enumerate() {
         if let Some(reflection) = params.reflection(index) {
             *similarity = reflection.then(similarity);
@@ -123,7 +124,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     let template_of_group =
         GroupTemplate { mean: fitted.mean()?, sphere, masked, spread, refined: refinement.is_some() };
     let guide = guided.map(|guided| guided.report(&fitted.places, &similarities, &left_out));
-    let report = CorrespondReport { template, changes, members, warnings, guide, refinement, seconds };
+    let report = CorrespondReport { template, changes, members, warnings, axes, guide, refinement, seconds };
     Ok(Group {
         models: fitted.models(&template_of_group.sphere, &similarities),
         places: fitted.places,
@@ -142,9 +143,11 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             guide.check_near(index, &mesh)?;
         }
         let mirrored = params.reflection(index).map(|reflection| reflection.apply_mesh(&mesh));
-        PoseSurface::new(mirrored.as_ref().unwrap_or(&mesh)).ok_or(Error::NoArea)
+        let posed = PoseSurface::new(mirrored.as_ref().unwrap_or(&mesh)).ok_or(Error::NoArea)?;
+        Ok((posed, mesh.meta.axes()))
     };
-    let surfaces = subjects.each(surface)?;
+    let (surfaces, axes): (Vec<PoseSurface>, Vec<_>) = subjects.each(surface)?.into_iter().unzip();
+    let axes = AxesDiffer::of(&axes);
     let landmarks = params.guide.as_ref().map(|guide| reflected(guide, params));
     let mut warnings = same(&surfaces);
     let sizes = surfaces.iter().map(|surface| [surface.area, surface.volume.abs()]).collect();
@@ -165,6 +168,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             sizes,
             template: Some(found.template),
             warnings,
+            axes,
         });
     };
     let fixed = PoseSurface::new(template).ok_or(Error::NoArea)?;
@@ -191,7 +195,8 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         }
     }
     for (member, doubt) in doubts.into_iter().enumerate() {
-        let doubtful = |(distance, second)| GroupPoseWarning::Doubtful { member, distance, second };
+        let near = params.pose.search == PoseSearch::Near;
+        let doubtful = |(distance, second)| GroupPoseWarning::Doubtful { member, distance, second, near };
         warnings.extend(doubt.map(doubtful).map(CorrespondWarning::Pose));
     }
     let all = found.iter().all(|pose| pose.at_one_size.is_some());
@@ -205,6 +210,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         sizes,
         template: None,
         warnings,
+        axes,
     })
 }
 

@@ -26,15 +26,23 @@ pub(super) fn noted(mut mesh: Mesh, frame: Option<Frame>) -> Mesh {
     mesh
 }
 
-/// Returns the statement about a mesh's axes, if the axes are known from the mesh's file, or from the name that GIfTI
-/// metadata give to the space of the positions.
+impl Meta {
+    /// Returns the axes of a mesh, if they are known from the mesh's file, or from the name that GIfTI metadata give to
+    /// the space of the positions.
+    #[must_use]
+    pub fn axes(&self) -> Option<Frame> {
+        let noted = self.file_metadata.iter().find(|(name, _)| name == NAME).and_then(|(_, axes)| Frame::named(axes));
+        let by_space = || {
+            let system = self.coordinate_system.as_ref()?;
+            RAS_SPACES.contains(&system.data_space.as_str()).then_some(Frame::Ras)
+        };
+        noted.or_else(by_space)
+    }
+}
+
+/// Returns the statement about a mesh's axes, if the axes are known.
 pub(super) fn known(meta: &Meta) -> Option<String> {
-    let noted = meta.file_metadata.iter().find(|(name, _)| name == NAME).and_then(|(_, axes)| Frame::named(axes));
-    let by_space = || {
-        let system = meta.coordinate_system.as_ref()?;
-        RAS_SPACES.contains(&system.data_space.as_str()).then_some(Frame::Ras)
-    };
-    noted.or_else(by_space).map(statement)
+    meta.axes().map(statement)
 }
 
 /// Returns a title, followed by the statement about a mesh's axes if they are known.

@@ -4,6 +4,7 @@ mod colormap;
 mod distance;
 mod grid;
 mod pointwise;
+mod unpaired;
 mod vertexwise;
 
 pub use colormap::{DIVERGING, colors, colors_by, diverging, viridis};
@@ -12,4 +13,5 @@ pub use distance::{
     surface_distance_at, surface_distance_bytes,
 };
 pub use pointwise::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
+pub use unpaired::Unpaired;
 pub use vertexwise::{Distances, bounding_box_scale, compare, compare_at, squared_distances};

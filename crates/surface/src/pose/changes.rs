@@ -43,7 +43,7 @@ impl Group<'_> {
             }
             let (_, second) = self.best_changed(member, motions, &half_turns)?;
             Ok(Some(match second <= TURNED * mirrored {
-                true => GroupPoseWarning::Doubtful { member, distance, second },
+                true => GroupPoseWarning::Doubtful { member, distance, second, near: self.searches_near() },
                 false => GroupPoseWarning::Mirrored { member, distance, mirrored },
             }))
         };

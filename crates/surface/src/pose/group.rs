@@ -142,7 +142,7 @@ impl Group<'_> {
         let median = median(distances.clone());
         let mut far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
         let mut others = doubts;
-        if params.search == PoseSearch::Near {
+        if group.searches_near() {
             others.extend(group.elsewhere(template, &poses)?);
         }
         if !params.mirror {
@@ -161,6 +161,11 @@ impl Group<'_> {
         let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
         let warnings = named.chain(others).collect();
         Ok(GroupPoses { similarities: motions, at_one_size, template, distances, warnings })
+    }
+
+    /// Returns whether only poses near the given ones are considered.
+    pub(super) fn searches_near(&self) -> bool {
+        self.params.search == PoseSearch::Near
     }
 
     /// Returns the member whose lengths along the principal axes are most typical.
@@ -287,7 +292,8 @@ impl Group<'_> {
         let doubt = |(member, other): (usize, &Option<Similarity>)| {
             let [own, turned] =
                 [&motions[member], other.as_ref()?].map(|motion| self.judged(member, motion, &motions, JUDGES).sqrt());
-            let doubt = GroupPoseWarning::Doubtful { member, distance: own, second: turned };
+            let near = self.searches_near();
+            let doubt = GroupPoseWarning::Doubtful { member, distance: own, second: turned, near };
             (turned < DOUBTFUL * own).then_some(doubt)
         };
         let doubts = others.iter().enumerate().filter_map(doubt).collect();

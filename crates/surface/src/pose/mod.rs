@@ -26,6 +26,7 @@
 
 mod changes;
 mod covering;
+mod fixed;
 mod grid;
 mod group;
 mod icp;
@@ -40,11 +41,12 @@ use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
 pub use self::changes::NEARER_MIRRORED;
+pub use self::fixed::FixedSurface;
 pub use self::group::{DOUBTFUL, GroupPoses, OF_ANOTHER_KIND, OTHERS, group_poses};
 pub use self::sizes::{ScaledPose, at_one_size};
 use self::surface::Density;
 pub use self::surface::PoseSurface;
-pub use self::warning::{CLOSE, GroupPoseWarning, IN_DOUBT};
+pub use self::warning::{CLOSE, GroupPoseWarning, IN_DOUBT, NearerMirrored};
 use crate::geometry::{scale, sub};
 use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};

@@ -7,7 +7,7 @@ use crate::geometry::{Vec3, dot};
 use crate::matrix3::{IDENTITY, of_quaternion, times};
 
 /// Returns an ellipsoid with bumps that no rotation or reflection maps to itself.
-fn lump(level: u32) -> Mesh {
+pub(super) fn lump(level: u32) -> Mesh {
     let ball = icosphere(level);
     let bump = |v: &Vec3| {
         let at = |d: Vec3| (6.0 * (dot(d, *v) - 1.0)).exp();

@@ -24,6 +24,8 @@ pub enum GroupPoseWarning {
         distance: f64,
         /// The member's distance from the others in the second pose.
         second: f64,
+        /// Whether only poses near the given one were considered.
+        near: bool,
     },
     /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
     /// unit.
@@ -53,6 +55,29 @@ pub enum GroupPoseWarning {
         /// The distance of the member's mirror image from the other members.
         mirrored: f64,
     },
+}
+
+/// Warning that the mirror image of a surface is nearer to another surface, although mirror images weren't allowed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NearerMirrored {
+    /// Distance of the surface from the other surface in its best pose.
+    pub distance: f64,
+    /// Distance of the surface's mirror image from the other surface in its best pose.
+    pub mirrored: f64,
+}
+
+impl fmt::Display for NearerMirrored {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = mirror_image_fits("the other surface", self.distance, self.mirrored);
+        write!(f, "{text}; to match mirror images, use --mirror (in Python mirror=True)")
+    }
+}
+
+fn mirror_image_fits(others: &str, distance: f64, mirrored: f64) -> String {
+    format!(
+        "the mirror image fits {others} better (distance {mirrored:.4} instead of {distance:.4}): the surface may be \
+         from the other side of the body, or the file may be mirrored"
+    )
 }
 
 impl GroupPoseWarning {
@@ -94,10 +119,7 @@ impl GroupPoseWarning {
                 "the distance from the typical surface is {distance:.4} near the given pose, but only {best:.4} in \
                  another pose: the surface may be rotated or in another coordinate system"
             ),
-            Self::Mirrored { distance, mirrored, .. } => format!(
-                "the mirror image fits the other surfaces better (distance {mirrored:.4} instead of {distance:.4}): \
-                 the surface may be from the other side of the body, or the file may be mirrored"
-            ),
+            Self::Mirrored { distance, mirrored, .. } => mirror_image_fits("the other surfaces", *distance, *mirrored),
         }
     }
 }

@@ -143,6 +143,7 @@ impl GroupFiles {
             changes: self.shared.changes.clone(),
             members: Vec::new(),
             warnings: Vec::new(),
+            axes: None,
             guide: None,
             refinement: None,
             seconds: self.shared.seconds.iter().filter_map(step).collect(),

@@ -44,6 +44,7 @@ fn group() -> Group {
             changes: vec!["a hole was filled".to_owned()],
             members: vec![report(0.1), report(0.2)],
             warnings: Vec::new(),
+            axes: None,
             guide: None,
             refinement: None,
             seconds: vec![("poses", 0.25), ("fits", 1.5)],

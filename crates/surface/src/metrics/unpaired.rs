@@ -1,0 +1,100 @@
+//! Finds meshes with the same triangles whose vertices nevertheless don't correspond.
+
+use std::fmt;
+
+use spharm_monitor::{Silent, number};
+
+use super::pointwise::distances_to_surface;
+use super::vertexwise::Distances;
+use crate::error::SurfaceError;
+use crate::mesh::Mesh;
+
+/// Vertices are treated as not corresponding if the rms of their distances exceeds this multiple of the rms distance
+/// between the surfaces.
+const APART: f64 = 5.0;
+/// Maximum number of vertices whose distance from the other surface is measured.
+const MEASURED: usize = 500;
+/// Distances below this share of the surface's scale are attributed to rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// Warning that the vertices of two meshes with the same triangles don't correspond.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unpaired {
+    /// Root mean square distance between vertices with the same index, in units of the coordinates.
+    pub rms: f64,
+    /// Root mean square distance of the first mesh's vertices from the other surface, in units of the coordinates.
+    pub between: f64,
+}
+
+impl Unpaired {
+    /// Returns the number of bytes that [`of`](Self::of) needs if the other surface has `faces` triangles.
+    #[must_use]
+    pub fn bytes(faces: usize) -> u64 {
+        super::distances_to_surface_bytes(faces, MEASURED)
+    }
+
+    /// Returns a warning if two surfaces are much closer to each other than vertices with the same index. `distances`
+    /// are the distances at the vertices that the mask keeps. The distance between the surfaces is measured at up to
+    /// 500 of these vertices.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`distances_to_surface`].
+    pub fn of(
+        original: &Mesh,
+        other: &Mesh,
+        mask: Option<&[bool]>,
+        distances: &Distances,
+    ) -> Result<Option<Self>, SurfaceError> {
+        let rms = distances.rms_raw;
+        if !rms.is_finite() || rms <= ROUNDING * distances.scale {
+            return Ok(None);
+        }
+        let is_kept = |v: &usize| mask.is_none_or(|mask| mask[*v]);
+        let kept: Vec<usize> = (0..original.vertices.len()).filter(is_kept).collect();
+        let taken = kept.len().min(MEASURED);
+        let points: Vec<_> = (0..taken).map(|k| original.vertices[kept[k * kept.len() / taken]]).collect();
+        let found = distances_to_surface(other, &points, &Silent)?;
+        // Dividing by `rms` first keeps the squares within the range of f64.
+        let mean = found.iter().map(|distance| (distance / rms).powi(2)).sum::<f64>() / found.len() as f64;
+        let between = rms * mean.sqrt();
+        Ok((rms > APART * between).then_some(Self { rms, between }))
+    }
+}
+
+impl fmt::Display for Unpaired {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "vertex by vertex, the rms is {}, but the surfaces are only {} apart: the vertices don't correspond; \
+             measure between the surfaces (--surface-distance, in Python surface_distance=True)",
+            number(self.rms),
+            number(self.between)
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::matrix3::{of_quaternion, times};
+    use crate::metrics::compare_at;
+
+    #[test]
+    fn vertices_that_slide_along_the_surface_are_noticed() {
+        let ball = icosphere(4);
+        let turn = of_quaternion([0.8, 0.36, 0.48, 0.0]);
+        let turned = ball.with_vertices(ball.vertices.iter().map(|v| times(&turn, *v)).collect());
+        let larger = ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| 1.1 * x)).collect());
+        let found = |other: &Mesh, mask: Option<&[bool]>| {
+            Unpaired::of(&ball, other, mask, &compare_at(&ball, other, mask).unwrap()).unwrap()
+        };
+        let warning = found(&turned, None).expect("a warning");
+        assert!(warning.rms > 0.5 && warning.between < 0.01, "{warning:?}");
+        assert!(warning.to_string().contains("the vertices don't correspond; measure between the surfaces"));
+        let half: Vec<bool> = ball.vertices.iter().map(|v| v[2] > 0.0).collect();
+        assert!(found(&turned, Some(&half)).is_some());
+        assert_eq!([found(&larger, None), found(&ball, None)], [None, None]);
+    }
+}
