@@ -13,6 +13,7 @@ use crate::metadata::{Metadata, with_metadata};
 
 /// A surface as passed from Python: the path of a file, or vertices, triangles and the metadata of the surface's file.
 #[derive(FromPyObject)]
+#[expect(clippy::large_enum_variant, reason = "a value lives only until its surface has been converted")]
 pub(crate) enum Given<'py> {
     File(PathBuf),
     Arrays(Positions<'py>, Faces<'py>, Option<Metadata>),

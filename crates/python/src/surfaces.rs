@@ -328,6 +328,9 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected {expected} vertices, as many as the surface has; found {found}")))
 }
 
+/// Five figures of the distances, the vertex with the largest distance, the distance at each vertex, and a warning.
+type Compared<'py> = ([f64; 5], usize, Bound<'py, PyArray1<f64>>, Option<String>);
+
 /// Compares two meshes whose vertices correspond. Returns msd, xsd and related numbers, the vertex with the largest
 /// distance, the distance at each vertex and, with `check`, a warning if the vertices don't correspond.
 #[pyfunction]
@@ -339,7 +342,7 @@ fn compare<'py>(
     other_faces: Faces<'py>,
     mask: Option<PyReadonlyArray1<'py, bool>>,
     check: bool,
-) -> PyResult<([f64; 5], usize, Bound<'py, PyArray1<f64>>, Option<String>)> {
+) -> PyResult<Compared<'py>> {
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
     let mask = mask.map(|mask| mask.as_array().to_vec());
     let (found, each, unpaired) = run(py, None, None, move |_| {
