@@ -7,7 +7,7 @@ corresponding vertices over one sphere and returns coefficients. X is a sequence
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from ._sklearn_descriptors import Descriptors
 from ._sklearn_inputs import Meshes, rows
 from ._sklearn_named import warned
 from ._sklearn_shape import ShapeFeatures
-from ._surface import as_surface, named_icosphere
+from ._surface import Surface, as_surface, named_icosphere
 from ._transform import Transform
 
 __all__ = ["Descriptors", "ShapeFeatures", "SpharmTransformer"]
@@ -71,7 +71,7 @@ class SpharmTransformer(Meshes, TransformerMixin, BaseEstimator):  # type: ignor
     def _sphere(self) -> Any:
         return as_surface(named_icosphere(self.sphere))
 
-    def fit(self, X: ArrayLike, y: Any = None) -> SpharmTransformer:
+    def fit(self, X: ArrayLike | Iterable[Surface], y: Any = None) -> SpharmTransformer:
         """Stores the sphere; nothing is learned from the surfaces.
 
         Parameters
@@ -83,7 +83,7 @@ class SpharmTransformer(Meshes, TransformerMixin, BaseEstimator):  # type: ignor
         self.n_features_out_ = 3 * (self.max_degree + 1) ** 2
         return self
 
-    def transform(self, X: ArrayLike) -> Floats:
+    def transform(self, X: ArrayLike | Iterable[Surface]) -> Floats:
         """Returns coefficients, (s, 3 (L + 1)**2), channel by channel.
 
         Parameters

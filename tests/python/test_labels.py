@@ -98,7 +98,7 @@ def test_doubts_about_a_fit_and_its_errors_name_the_label() -> None:
 
 
 def test_a_model_with_another_volume_than_its_label_is_warned_of(tmp_path: Path) -> None:
-    # Two balls and a neck of one voxel, which degree 12 can't follow.
+    # Two balls and a neck of one voxel, which degree 6 can't follow.
     at, volume = np.moveaxis(np.indices((38, 20, 20)), 0, -1), np.zeros((38, 20, 20), int)
     for middle in (9, 29):
         volume[((at - (middle, 9, 9)) ** 2).sum(axis=-1) < 49] = 1
@@ -107,7 +107,7 @@ def test_a_model_with_another_volume_than_its_label_is_warned_of(tmp_path: Path)
     given: Any
     for given, spacing in ((volume, None), (tmp_path / "balls.npy", (0.5, 0.5, 0.5))):
         with pytest.warns(sp.SpharmWarning, match=r"label 1: the volume of the model differs .* by \d\.\d %") as warned:
-            (cell,) = sp.fit_labels(given, 12, spacing=spacing)
+            (cell,) = sp.fit_labels(given, 6, spacing=spacing)
         size = cell.voxels * (1.0 if spacing is None else 0.125)
         assert f"by {100 * abs(cell.volume / size - 1):.1f} %" in str(warned[0].message)
         assert cell.model is not None and str(warned[0].message).endswith(cell.model.report["warnings"][-1])
