@@ -38,7 +38,7 @@ pub(crate) fn warn_of_rounding(output: &Path, mesh: &Mesh, double: Option<bool>,
         number(step),
         match format.precision {
             Precision::Choice if double.is_some() => "give --double",
-            _ => "write a format with 64-bit numbers, such as .obj or .vtp",
+            _ => "write a format with 64-bit numbers, such as .vtp",
         }
     ));
     Ok(())

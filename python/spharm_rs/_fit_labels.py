@@ -152,8 +152,7 @@ def fit_labels(
     collects = _arrays.on_error(on_error)
     least = _arrays.whole("min_voxels", min_voxels)
     chosen = None if labels is None else _chosen(labels)
-    given = _volume(_whole(volume), False, affine, spacing, axes)
-    core, voxel = _core.Labels(given, image=_image(channel, time, volume)), _voxel(given)
+    core = _core.Labels(_volume(_whole(volume), False, affine, spacing, axes), image=_image(channel, time, volume))
     warn(core.warnings())
     there = core.labels(bool(fix), chosen)
     name = os.fspath(volume) if isinstance(volume, (str, os.PathLike)) else "the volume"
@@ -179,7 +178,7 @@ def fit_labels(
             mapped, changes = with_warnings(core.parametrize(item.label, **mapping, threads=1, progress=check))
             model, doubts = fit_mapped(mapped, check, threads=1, **each)
             measures, flaws = _measured(model, None, _AREA, 1, check)
-            inexact = _inexact(measures.volume, mapped, None if voxel is None else item.voxels * voxel)
+            inexact = _inexact(measures.volume, mapped, item.voxels * core.voxel())
             model.report["warnings"] += inexact
         except (SpharmError, ValueError) as error:
             _name_label(error, name, item.label)
@@ -222,25 +221,16 @@ def _item(there: dict[int, tuple[int, bool]], label: int) -> LabelFit:
     return LabelFit(label, voxels, at_border)
 
 
-def _voxel(given: Any) -> float | None:
-    """Returns the volume of a voxel; None for a file that has its own voxel size."""
-    sizes, matrix = given[1:3] if isinstance(given[0], str) else (None, given[1])
-    if matrix is not None:
-        return float(abs(np.linalg.det(matrix[:3, :3])))
-    return None if sizes is None else float(np.prod(sizes))
-
-
-def _inexact(volume: float, mapped: Parametrization, voxels: float | None) -> list[str]:
-    """Returns a warning if a model's volume differs from that of the label's voxels; None if that isn't known."""
+def _inexact(volume: float, mapped: Parametrization, voxels: float) -> list[str]:
+    """Returns a warning if a model's volume differs from the volume of the label's voxels."""
+    change = volume / voxels - 1
     if mapped.report.get("handles") is not None:
-        if voxels is None or abs(change := volume / voxels - 1) <= _CUT:
+        if abs(change) <= _CUT:
             return []
         return [
             f"the model has a volume of {volume:.4g}, but before its handles were cut, the label's surface had one of "
             f"{voxels:.4g} ({100 * change:+.1f} %)"
         ]
-    # The surface of a label that wasn't cut has the volume of the voxels.
-    change = volume / abs(mapped.surface.volume if voxels is None else voxels) - 1
     if mapped.report.get("repair") is not None or abs(change) <= _INEXACT:
         return []
     return [

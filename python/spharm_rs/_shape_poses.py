@@ -116,8 +116,9 @@ class SimilarityTransform:
             mesh = as_surface(what)
             mirrored = bool(np.linalg.det(self.object) < 0)
             faces = mesh.faces[:, ::-1] if mirrored else mesh.faces
-            stays = np.array_equal(self.object, np.eye(3)) and self.scale == 1 and not np.any(self.translation)
-            meta = mesh._meta if stays else moved_meta(mesh._meta, mirrored)
+            turned = not np.array_equal(self.object, np.eye(3))
+            stays = not turned and self.scale == 1 and not np.any(self.translation)
+            meta = mesh._meta if stays else moved_meta(mesh._meta, turned, mirrored)
             return Surface._of(self._moved(mesh.vertices), faces, meta)
         own = self if what.is_surface else replace(self, object=np.eye(3), scale=1.0, translation=np.zeros(3))
         asked = {

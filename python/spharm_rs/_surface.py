@@ -293,13 +293,14 @@ def meta_of_path(path: Path) -> Metadata:
     return {**dict.fromkeys(names), "file": [], "surface": [], "path": os.fspath(path)}
 
 
-def moved_meta(meta: Metadata, mirrored: bool) -> Metadata:
-    """Returns the metadata of a surface that was moved, without its position in a volume, which is no longer valid. A mirror
-    image belongs to the other hemisphere."""
+def moved_meta(meta: Metadata, turned: bool, mirrored: bool) -> Metadata:
+    """Returns the metadata of a surface that was moved, without its position in a volume, which is no longer valid. A
+    turned surface no longer has the axes that its file states. A mirror image belongs to the other hemisphere."""
     if meta is None:
         return None
     kept = [entry for entry in meta["surface"] if not entry[0].startswith("VolGeom")]
-    moved = {**meta, "surface": kept, "coordinate_system": None, "footer": None}
+    file = [entry for entry in meta["file"] if not (turned and entry[0] == "SPACE")]
+    moved = {**meta, "file": file, "surface": kept, "coordinate_system": None, "footer": None}
     if mirrored:
         structure = meta["structure"] or ""
         for side, other in (("Left", "Right"), ("Right", "Left")):

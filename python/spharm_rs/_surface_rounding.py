@@ -29,7 +29,7 @@ def warn_of_rounding(path: str, vertices: Floats, double: bool) -> None:
     step = max(largest * float(limits.eps), float(limits.smallest_subnormal))
     if largest == 0 or step <= _COARSE * size:
         return
-    remedy = "give double=True" if choice else "write a format with 64-bit numbers, such as .obj or .vtp"
+    remedy = "give double=True" if choice else "write a format with 64-bit numbers, such as .vtp"
     warn(
         [
             f"{path}: with coordinates up to {largest:.4g}, 32-bit numbers are too coarse for a surface of size "

@@ -134,7 +134,11 @@ fn work(cli: &Cli) -> Result<()> {
         let attributes = PlyAttributes { scalar: Some(("distance", &distances)), colors: Some(&painted) };
         let options = WriteOptions { overwrite: cli.force, ..WriteOptions::default() };
         prepare(output)?;
-        warn_of_rounding(output, &reconstruction, None, monitor.console())?;
+        // A .gii file has only the distances.
+        let name = output.to_string_lossy().to_lowercase();
+        if !name.trim_end_matches(".gz").ends_with(".gii") {
+            warn_of_rounding(output, &reconstruction, None, monitor.console())?;
+        }
         write_painted(output, &reconstruction, &attributes, &options)?;
     }
     let vertices = mask.map_or(original.vertices.len(), |mask| mask.iter().filter(|keep| **keep).count());

@@ -28,8 +28,8 @@ use crate::surfaces::cut_handles;
 /// mesh.
 const STEPS: usize = 16;
 
-/// A warning is given if `--even` on a model's own sphere leaves a spread of the triangles' areas above `UNEVEN`, and
-/// above this fraction of the earlier spread.
+/// A warning is given if `--even` leaves a spread of the triangles' areas above `UNEVEN`, and above this fraction of the
+/// earlier spread, on a sphere that isn't an icosphere chosen by the user.
 const LITTLE: f64 = 0.8;
 /// Largest spread that isn't warned of; see [`LITTLE`].
 const UNEVEN: f64 = 0.2;
@@ -178,20 +178,21 @@ fn one(
     let sphere = sphere_of(shared, &model, path)?;
     // The vertices are relocated once, for the highest degree, so that all levels have the same triangles.
     let even = if cli.even { Some(relocated(&model, path, &degrees, sphere, monitor)?) } else { None };
+    if let Some(EvenSphere { before, after, .. }) =
+        even.as_ref().filter(|even| even.after > UNEVEN.max(LITTLE * even.before))
+        && cli.sampling.icosphere.is_none()
+    {
+        monitor.console().warn(format!(
+            "{}: --even leaves a spread of the triangles' areas of {after:.2} (before: {before:.2}), because the vertices of \
+             the sphere are spread unevenly; use --icosphere",
+            path.display()
+        ));
+    }
     let sphere = even.as_ref().map_or(sphere, |even| &even.sphere);
     let options = WriteOptions { overwrite: cli.report.force, double: cli.double };
     let mut reports = Vec::new();
     for (degree, target) in degrees.into_iter().zip(targets) {
         let mesh = model.reconstruct(sphere, degree).with_context(named)?;
-        let spread = area_spread(&mesh);
-        let uneven = |before: &f64| shared.is_none() && spread > UNEVEN.max(LITTLE * before);
-        if let Some(before) = even.as_ref().map(|even| even.before).filter(uneven) {
-            monitor.console().warn(format!(
-                "{}: --even reduced the spread of the triangles' areas only from {before:.2} to {spread:.2}, because the \
-                 vertices of the model's own sphere are spread unevenly; use --icosphere",
-                target.display()
-            ));
-        }
         prepare(target)?;
         warn_of_rounding(target, &mesh, Some(cli.double), monitor.console())?;
         write_mesh(target, &mesh, &options)?;
@@ -201,7 +202,7 @@ fn one(
             "vertices": mesh.vertices.len(),
             "degree": degree,
             "distance": tails[degree],
-            "area_spread": spread,
+            "area_spread": area_spread(&mesh),
             "area_spread_before": even.as_ref().map(|even| even.before),
             "folded": even.as_ref().map(|even| even.folded),
             "seconds": started.elapsed().as_secs_f64(),

@@ -12,6 +12,7 @@ use spharm::io::{
     WriteOptions, is_named_mesh, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
     write_signal,
 };
+use spharm::machine::available_memory;
 use spharm::metrics::{
     SurfaceDistanceParams, Unpaired, compare_at, distances_to_surface, surface_distance_at, vertex_distances,
 };
@@ -348,7 +349,11 @@ fn compare<'py>(
     let (found, each, unpaired) = run(py, None, None, move |_| {
         let found = compare_at(&first, &second, mask.as_deref())?;
         let each = vertex_distances(&first.vertices, &second.vertices)?;
-        let unpaired = if check { Unpaired::of(&first, &second, mask.as_deref(), &found)? } else { None };
+        let unpaired = if check && Unpaired::bytes(second.faces.len()) <= available_memory() as u64 {
+            Unpaired::of(&first, &second, mask.as_deref(), &found)?
+        } else {
+            None
+        };
         Ok((found, each, unpaired.map(|found| found.to_string())))
     })?;
     let figures = [found.msd, found.xsd, found.rms_raw, found.max_raw, found.scale];

@@ -218,6 +218,11 @@ impl Labels {
         self.volume.warnings()
     }
 
+    /// Returns the volume of a voxel, in mm^3.
+    fn voxel(&self) -> f64 {
+        self.volume.affine.determinant().abs()
+    }
+
     /// Returns the degree that suits labels with these numbers of voxels.
     fn degree(&self, voxels: Vec<usize>) -> usize {
         degree_of_labels(&voxels, self.volume.voxel_size()).degree()

@@ -33,9 +33,9 @@ impl AxesDiffer {
             names.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
         };
         format!(
-            "the files of the surfaces state different axes: LPS for {}; RAS for {}. Given poses and landmarks are \
-             compared in these coordinates, where the two kinds are turned by 180 degrees to each other; convert all \
-             surfaces to the same axes",
+            "the files of the surfaces state different axes: LPS for {}; RAS for {}. If positions, given poses or \
+             landmarks are compared, the two kinds are turned by 180 degrees to each other; convert all surfaces to the \
+             same axes",
             list(&self.lps),
             list(&self.ras)
         )

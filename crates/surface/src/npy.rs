@@ -14,7 +14,7 @@
 //!          a unit of time in brackets
 //! ```
 //!
-//! A field with a shape, and dates and times, have the kind `V`: bytes without a meaning for the readers.
+//! A field with a shape has the kind `V`: bytes without a meaning for the readers.
 //!
 //! A string has either kind of quotation marks and no escapes. The grammar doesn't nest, so the parser never recurses.
 //! No memory is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
@@ -32,7 +32,8 @@ const MOST_AXES: usize = 64;
 /// The contents of an array's header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `V` for a structured array.
+    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `M` and `m` for dates and
+    /// times; `V` for a structured array and for a field with a shape.
     pub kind: char,
     /// Number of bytes per value.
     pub size: usize,
@@ -124,7 +125,7 @@ impl Type {
         };
         let kind = rest.chars().next().filter(char::is_ascii_alphabetic)?;
         let (kind, digits) = match (kind, rest.get(1..)?.split_once('[')) {
-            ('M' | 'm', Some((digits, unit))) if unit.ends_with(']') => ('V', digits),
+            ('M' | 'm', Some((digits, unit))) if unit.ends_with(']') => (kind, digits),
             _ => (kind, rest.get(1..)?),
         };
         let digits = Some(digits).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
@@ -320,7 +321,7 @@ mod tests {
         let text =
             "{'descr': [('t', '<M8[ns]'), ('x', '<f4', (2, 3)), ('h', '<f8')], 'fortran_order': False, 'shape': (5,)}";
         let fields: Vec<_> = read(text).unwrap().fields.iter().map(|f| (f.kind, f.size)).collect();
-        assert_eq!(fields, [('V', 8), ('V', 24), ('f', 8)]);
+        assert_eq!(fields, [('M', 8), ('V', 24), ('f', 8)]);
     }
 
     #[test]

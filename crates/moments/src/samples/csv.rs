@@ -161,15 +161,15 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
         let mut words: Vec<&[u8]> = Vec::new();
         split(text, separator, &mut words);
         let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').replace("\"\"", "\"");
-        if words.iter().all(|word| number(word).is_some()) && !are_places(&words) {
+        if words.iter().all(|word| number(word).is_some()) {
             let mut names: Vec<&[u8]> = Vec::new();
             split(&comment, separator, &mut names);
-            let names = if names.len() == words.len() && names.iter().all(|word| number(word).is_none()) {
-                names.iter().map(name).collect()
-            } else {
-                (0..words.len()).map(|i| i.to_string()).collect()
-            };
-            return Ok((names, separator, at + mark));
+            if names.len() == words.len() && names.iter().all(|word| number(word).is_none()) {
+                return Ok((names.iter().map(name).collect(), separator, at + mark));
+            }
+            if separator.is_none() || !are_places(&words) {
+                return Ok(((0..words.len()).map(|i| i.to_string()).collect(), separator, at + mark));
+            }
         }
         return Ok((words.iter().map(name).collect(), separator, at + count as u64));
     }

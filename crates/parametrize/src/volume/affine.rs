@@ -2,8 +2,8 @@
 
 use crate::geometry::{cross, dot};
 
-/// Largest relative difference between a voxel size in a file, in single precision, and the same size in another unit.
-const ROUNDING: f64 = 1e-5;
+/// Largest relative difference between a voxel size in a file and the same size in another unit, given with few digits.
+const ROUNDING: f64 = 0.01;
 
 /// The rows of a 3 x 4 matrix that maps voxel coordinates (i, j, k) to RAS+ mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,6 +70,9 @@ mod tests {
         let affine = Affine([[0.0, -0.8, 0.0, 12.0], [1.0, 0.0, 0.0, -30.0], [0.0, 0.0, 2.0, 44.0]]).scaled(1e-3);
         let found = affine.with_voxel_size([1.0, 0.8, 2.0]).apply([0.0; 3]);
         assert!((0..3).all(|k| (found[k] - [12.0, -30.0, 44.0][k]).abs() < 1e-12), "{found:?}");
+        // The given size may be rounded.
+        let found = affine.with_voxel_size([1.004, 0.8, 2.0]).apply([0.0; 3]);
+        assert!((found[0] - 12.0).abs() < 1e-12, "{found:?}");
         // Another size keeps the origin and the directions.
         let found = affine.with_voxel_size([1.0, 1.0, 2.0]);
         assert_eq!((found.apply([0.0; 3]), found.voxel_size()), (affine.apply([0.0; 3]), [1.0, 1.0, 2.0]));

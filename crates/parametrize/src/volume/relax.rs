@@ -47,7 +47,7 @@ const STEP: f64 = 0.22;
 /// vertices are at the limits of their boxes.
 const MOVES: usize = 8;
 /// Number of averaging steps for the distances by which a surface has receded: features longer than about 25 voxels
-/// keep their places, the voxels' steps don't return.
+/// keep their places, and the voxels' steps don't return.
 const SPREAD: usize = 100;
 /// Number of averaging steps for the normals of the voxels' faces.
 const NORMALS: usize = 4;

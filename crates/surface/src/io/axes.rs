@@ -38,6 +38,11 @@ impl Meta {
         };
         noted.or_else(by_space)
     }
+
+    /// Removes the statement about the axes, which a rotated mesh no longer has.
+    pub(crate) fn forget_axes(&mut self) {
+        self.file_metadata.retain(|(name, _)| name != NAME);
+    }
 }
 
 /// Returns the statement about a mesh's axes, if the axes are known.

@@ -7,12 +7,13 @@ use spharm_monitor::{Silent, number};
 use super::pointwise::distances_to_surface;
 use super::vertexwise::Distances;
 use crate::error::SurfaceError;
+use crate::geometry::{Vec3, sub};
 use crate::mesh::Mesh;
 
 /// Vertices are treated as not corresponding if the rms of their distances exceeds this multiple of the rms distance
 /// between the surfaces.
 const APART: f64 = 5.0;
-/// Maximum number of vertices whose distance from the other surface is measured.
+/// Maximum number of vertices whose distances are compared, and of triangles whose edges are measured.
 const MEASURED: usize = 500;
 /// Distances below this share of the surface's scale are attributed to rounding.
 const ROUNDING: f64 = 1e-6;
@@ -33,9 +34,9 @@ impl Unpaired {
         super::distances_to_surface_bytes(faces, MEASURED)
     }
 
-    /// Returns a warning if two surfaces are much closer to each other than vertices with the same index. `distances`
-    /// are the distances at the vertices that the mask keeps. The distance between the surfaces is measured at up to
-    /// 500 of these vertices.
+    /// Returns a warning if two surfaces are much closer to each other than vertices with the same index, and these are
+    /// farther apart than neighbouring vertices. `distances` are the distances at the vertices that the mask keeps. Up
+    /// to 500 of these vertices are examined.
     ///
     /// # Errors
     ///
@@ -46,20 +47,38 @@ impl Unpaired {
         mask: Option<&[bool]>,
         distances: &Distances,
     ) -> Result<Option<Self>, SurfaceError> {
-        let rms = distances.rms_raw;
-        if !rms.is_finite() || rms <= ROUNDING * distances.scale {
-            return Ok(None);
-        }
         let is_kept = |v: &usize| mask.is_none_or(|mask| mask[*v]);
         let kept: Vec<usize> = (0..original.vertices.len()).filter(is_kept).collect();
         let taken = kept.len().min(MEASURED);
-        let points: Vec<_> = (0..taken).map(|k| original.vertices[kept[k * kept.len() / taken]]).collect();
-        let found = distances_to_surface(other, &points, &Silent)?;
-        // Dividing by `rms` first keeps the squares within the range of f64.
-        let mean = found.iter().map(|distance| (distance / rms).powi(2)).sum::<f64>() / found.len() as f64;
-        let between = rms * mean.sqrt();
-        Ok((rms > APART * between).then_some(Self { rms, between }))
+        let places: Vec<usize> = (0..taken).map(|k| kept[k * kept.len() / taken]).collect();
+        let apart = |v: &usize| sub(original.vertices[*v], other.vertices[*v]);
+        let paired = root_mean_square(places.iter().map(apart).map(length));
+        // Vertices of a fit slide along the surface by less than an edge.
+        let step = original.faces.len().div_ceil(MEASURED).max(1);
+        let edges = original.faces.iter().step_by(step).flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let edges = edges.map(|edge| edge.map(|v| original.vertices[v as usize])).map(|[a, b]| length(sub(a, b)));
+        if !paired.is_finite() || paired <= root_mean_square(edges).max(ROUNDING * distances.scale) {
+            return Ok(None);
+        }
+        let points: Vec<Vec3> = places.iter().map(|v| original.vertices[*v]).collect();
+        let between = root_mean_square(distances_to_surface(other, &points, &Silent)?.into_iter());
+        Ok((paired > APART * between).then_some(Self { rms: distances.rms_raw, between }))
     }
+}
+
+fn length(v: Vec3) -> f64 {
+    v.into_iter().fold(0.0, f64::hypot)
+}
+
+/// Returns the root mean square of lengths, divided by the largest before they are squared, so that the squares stay
+/// within the range of f64.
+fn root_mean_square(lengths: impl Iterator<Item = f64>) -> f64 {
+    let lengths: Vec<f64> = lengths.collect();
+    let largest = lengths.iter().copied().fold(0.0, f64::max);
+    if largest == 0.0 {
+        return 0.0;
+    }
+    largest * (lengths.iter().map(|x| (x / largest).powi(2)).sum::<f64>() / lengths.len() as f64).sqrt()
 }
 
 impl fmt::Display for Unpaired {
@@ -96,5 +115,9 @@ mod tests {
         let half: Vec<bool> = ball.vertices.iter().map(|v| v[2] > 0.0).collect();
         assert!(found(&turned, Some(&half)).is_some());
         assert_eq!([found(&larger, None), found(&ball, None)], [None, None]);
+        // A vertex that was moved doesn't change the others.
+        let mut edited = ball.clone();
+        edited.vertices[1] = [0.0, 0.0, 50.0];
+        assert_eq!(found(&edited, None), None);
     }
 }

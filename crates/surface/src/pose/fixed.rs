@@ -2,8 +2,7 @@
 
 use spharm_monitor::{Interrupted, Monitor};
 
-use super::changes::NEARER_MIRRORED;
-use super::warning::NearerMirrored;
+use super::warning::{CLOSE, NearerMirrored};
 use super::{Pose, PoseParams, PoseSearch, PoseSurface, nearest, pose};
 use crate::mesh::Mesh;
 use crate::similarity::Similarity;
@@ -64,7 +63,8 @@ impl FixedSurface {
             return Ok((found, None));
         }
         let mirrored = nearest(moving, &self.mirrored, &any, monitor)?.distance;
-        let is_nearer = mirrored < NEARER_MIRRORED * distance;
+        // A single body may be somewhat nearer mirrored by chance.
+        let is_nearer = CLOSE * mirrored < distance;
         Ok((found, is_nearer.then_some(NearerMirrored { distance, mirrored })))
     }
 }
