@@ -28,8 +28,8 @@ use crate::surfaces::cut_handles;
 /// mesh.
 const STEPS: usize = 16;
 
-/// A warning is given if `--even` leaves a spread of the triangles' areas above `UNEVEN`, and above this fraction of the
-/// earlier spread, on a sphere that isn't an icosphere chosen by the user.
+/// A warning is given if `--even` leaves a spread of the triangles' areas above `UNEVEN`, and above this fraction of
+/// the earlier spread, on a sphere that isn't an icosphere chosen by the user.
 const LITTLE: f64 = 0.8;
 /// Largest spread that isn't warned of; see [`LITTLE`].
 const UNEVEN: f64 = 0.2;

@@ -80,8 +80,8 @@ impl Similarity {
 
     /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
     /// face outwards, and exchanges left and right in the anatomical structure. Unless the similarity is the identity,
-    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid. A rotation also drops
-    /// the axes that the file states.
+    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid. A rotation also
+    /// drops the axes that the file states.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());
