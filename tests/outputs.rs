@@ -261,8 +261,8 @@ fn coordinates_too_large_for_32_bits_are_warned_of() {
     for (name, advice) in [
         ("a.ply", "; give --double"),
         ("a.surf.gii", "; give --double"),
-        ("a.stl", "such as .obj or .vtp"),
-        ("a.glb", "such as .obj or .vtp"),
+        ("a.stl", "such as .vtp"),
+        ("a.glb", "such as .vtp"),
     ] {
         let text = warnings("far.spharm.npz", &[name]);
         assert!(text.contains("32-bit numbers are too coarse") && text.contains(advice), "{name}: {text}");

@@ -28,6 +28,6 @@ def test_a_warning_is_given_if_positions_are_lost(tmp_path: Path, name: str) -> 
         lost = not np.allclose(written.min(axis=0), far.vertices.min(axis=0), rtol=0, atol=1e-6)
         assert lost == (name in SINGLE or (name in CHOICE and not double))
         assert [one.filename for one in found] == [__file__] * lost
-        remedy = "give double=True" if name in CHOICE else "such as .obj or .vtp"
+        remedy = "give double=True" if name in CHOICE else "such as .vtp"
         texts = [str(one.message) for one in found]
         assert all("32-bit numbers are too coarse" in text and text.endswith(remedy) for text in texts)
