@@ -89,8 +89,6 @@ pub(super) fn read_group(
     if kind == Kind::Surface {
         let units = other_units(&members);
         warnings.extend(units.iter().map(|of| format!("{}: {}", paths[of.member].display(), of.of_member())));
-    }
-    if kind == Kind::Surface {
         warnings.extend(axes_differ(&axes, paths, |path| path.display().to_string()));
     }
     // Signals have no pose, so poses are only compared for surfaces.

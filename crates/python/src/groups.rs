@@ -72,8 +72,6 @@ pub(crate) fn group(
     if kind == Kind::Surface {
         let units = other_units(&members);
         warnings.extend(units.iter().map(|of| format!("models[{}]: {}", of.member, of.of_member())));
-    }
-    if kind == Kind::Surface {
         warnings.extend(axes_differ(models.iter().map(|(.., axes)| *axes)));
     }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };

@@ -4,12 +4,19 @@
 //!
 //! | family | members, lengths in mm | parameters, mm | modes of variation if places correspond |
 //! |---|---|---|--:|
-//! | [`MovingBump`](Family::MovingBump) | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's position along x, -7 to 7 | |
-//! | [`SharpBump`](Family::SharpBump) | a box of 30 x 10 x 10, with a sharp bump | the bump's position along x, -9 to 9 | |
-//! | [`GrowingBump`](Family::GrowingBump) | the tapered box | the bump's height, 0.5 to 4 | 1 |
-//! | [`Ellipsoids`](Family::Ellipsoids) | ellipsoids of half axes a, b, 8 | a from 17 to 23, b from 10 to 14 | 2 |
-//! | [`Rods`](Family::Rods) | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
-//! | [`Tori`](Family::Tori) | warped rings with one handle | the ring's radius, 17 to 23; the tube's radius, 5 to 7 | 2 |
+//! | [`MovingBump`] | a tapered box of 30 x 18 x 14, with a gentle bump | the bump's position along x, -7 to 7 | |
+//! | [`SharpBump`] | a box of 30 x 10 x 10, with a sharp bump | the bump's position along x, -9 to 9 | |
+//! | [`GrowingBump`] | the tapered box | the bump's height, 0.5 to 4 | 1 |
+//! | [`Ellipsoids`] | ellipsoids of half axes a, b, 8 | a from 17 to 23, b from 10 to 14 | 2 |
+//! | [`Rods`] | flattened rods with a knob at one end | the shaft's length, 20 to 50 | 1 |
+//! | [`Tori`] | warped rings with one handle | the ring's radius, 17 to 23; the tube's radius, 5 to 7 | 2 |
+//!
+//! [`MovingBump`]: Family::MovingBump
+//! [`SharpBump`]: Family::SharpBump
+//! [`GrowingBump`]: Family::GrowingBump
+//! [`Ellipsoids`]: Family::Ellipsoids
+//! [`Rods`]: Family::Rods
+//! [`Tori`]: Family::Tori
 //!
 //! The members of `SharpBump` at positions t and -t are congruent. A single parameter varies evenly from member to
 //! member; two parameters are drawn at random. No rotation maps a member to itself, except half turns of ellipsoids and
