@@ -285,3 +285,17 @@ fn printed_tables_name_models_by_file() {
         assert!(said.contains("s3") && !said.contains("year1"), "{said}");
     }
 }
+
+#[test]
+fn tables_by_name_refuse_models_of_the_same_name() {
+    let site = growing();
+    for arguments in
+        [&["measure", "--names"][..], &["describe", "--names"], &["pca", "--scores", "scores.csv", "-o", "modes.npz"]]
+    {
+        let models = ["year1/s1.spharm.npz", "year1/s2.spharm.npz", "year2/s1.spharm.npz"];
+        let said = fail(tool("shape").args(arguments).args(models).current_dir(site.path()));
+        let facts = ["different file names", "s1", "year1/s1.spharm.npz", "year2/s1.spharm.npz", "rename"];
+        assert!(facts.iter().all(|fact| said.contains(fact)), "{said}");
+        assert!(!site.path().join("modes.npz").exists());
+    }
+}

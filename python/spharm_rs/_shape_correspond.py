@@ -347,7 +347,13 @@ class Group:
         places, off, reached = self._inner.carry(values, self.index(source), self.index(target))
         return Carried(places, off, reached)
 
-    def carry_values(self, surfaces: Sequence[Any], values: Sequence[Any]) -> Floats:
+    def carry_values(
+        self,
+        surfaces: Sequence[Any],
+        values: Sequence[Any],
+        *,
+        interpolation: Literal["linear", "nearest"] | None = None,
+    ) -> Floats:
         """Carries values at the vertices of each member's own mesh, such as its thickness, to the group's directions.
 
         Parameters
@@ -356,12 +362,15 @@ class Group:
             The members' own meshes, in the coordinates in which they were brought into correspondence.
         values : sequence of array_like of float, (vertices,) or (vertices, c), of images, or of paths, N
             Images are nibabel's ``GiftiImage``, or nilearn's ``SurfaceImage`` of one hemisphere.
+        interpolation : {"linear", "nearest"}, optional
+            Within triangles: linear, or the value of the nearest vertex, as labels need. By default nearest for integers,
+            booleans and ``.label.gii`` files, and linear for all others.
 
         Returns
         -------
         ndarray of float, (N, n) or (N, n, c)
-            The value at the nearest point of the member's mesh to each of its places, linear within triangles; NaN where
-            the member has no counterpart (`reached`). `group_test` takes them as ``subjects``, with
+            The value at the nearest point of the member's mesh to each of its places; NaN where the member has no
+            counterpart (`reached`). `group_test` takes them as ``subjects``, with
             ``mask=~np.isnan(values).any(axis=0)``, or for c channels ``.any(axis=(0, 2))``.
 
         Examples
@@ -373,30 +382,35 @@ class Group:
         >>> heights.shape
         (3, 642)
         """
+        if interpolation is not None:
+            _arrays.choice("interpolation", interpolation, ("linear", "nearest"))
         meshes, own = list(surfaces), list(values)
         for what, found in (("surfaces", meshes), ("values", own)):
             if len(found) != len(self):
                 raise ValueError(f"{what}: expected one for each of {len(self)} members, found {len(found)}")
-        carried = [self._values_of(index, *pair) for index, pair in enumerate(zip(meshes, own))]
+        carried = [self._values_of(index, *pair, interpolation) for index, pair in enumerate(zip(meshes, own))]
         if len({found.shape for found in carried}) > 1:
             raise ValueError(
                 f"values: expected equal numbers of channels, found {[found.shape[1:] or (1,) for found in carried]}"
             )
         return np.stack(carried)
 
-    def _values_of(self, index: int, surface: Any, values: Any) -> Floats:
+    def _values_of(self, index: int, surface: Any, values: Any, interpolation: str | None) -> Floats:
         """Returns the values of a member, (n,) or (n, c)."""
         mesh = as_surface(surface)
         if isinstance(values, (str, os.PathLike)):
+            labels = os.fspath(values).lower().endswith((".label.gii", ".label.gii.gz"))
             array = read_signal(values)
             flat = array.shape[1] == 1
         else:
             values = _arrays.unwrapped(f"values[{index}]", values)
+            labels = np.asarray(values).dtype.kind in "iub"
             array, flat = _arrays.channels(f"values[{index}]", values), np.ndim(values) == 1
         if len(array) != len(mesh.vertices):
             raise ValueError(f"values[{index}]: expected a row for each of {len(mesh.vertices)} vertices, found {len(array)}")
         places, far = self._own_places(index)
-        found, off = _core.values_at(mesh.vertices, mesh.faces, array, places)
+        labels = labels if interpolation is None else interpolation == "nearest"
+        found, off = _core.values_at(mesh.vertices, mesh.faces, array, places, labels=labels)
         reached = self.reached[index]
         if reached.any() and np.median(off[reached]) > far:
             raise ValueError(

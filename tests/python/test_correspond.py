@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -167,6 +168,32 @@ def test_values_at_vertices_are_carried_to_the_places(group: sp.shape.Group, fol
         group.carry_values([*surfaces[:2], moved, *surfaces[3:]], own)
     with pytest.raises(ValueError, match="equal numbers of channels"):
         group.carry_values(surfaces, [own[0][:, 0], *own[1:]])
+
+
+def test_labels_are_carried_without_averaging(group: sp.shape.Group, folder: Path, tmp_path: Path) -> None:
+    surfaces = [sp.read_surface(path) for path in paths(folder)]
+    # Two regions, 1 and 5, divided by the plane z = 0.
+    labels = [np.where(surface.vertices[:, 2] > 0.0, 5, 1) for surface in surfaces]
+    carried = group.carry_values(surfaces, labels)
+    assert set(np.unique(carried)) == {1.0, 5.0}
+    heights = group.carry_values(surfaces, [surface.vertices[:, 2] for surface in surfaces])
+    edges = [surface.vertices[surface.faces[:, 0]] - surface.vertices[surface.faces[:, 1]] for surface in surfaces]
+    longest = max(float(np.linalg.norm(edge, axis=1).max()) for edge in edges)
+    away = np.abs(heights) > longest
+    assert away.mean() > 0.5 and np.array_equal(carried[away] == 5.0, heights[away] > 0.0)
+    # Floats are averaged unless nearest values are requested; label files needn't request them.
+    floats = [own.astype(float) for own in labels]
+    assert len(np.unique(group.carry_values(surfaces, floats))) > 2
+    assert np.array_equal(group.carry_values(surfaces, floats, interpolation="nearest"), carried)
+    assert len(np.unique(group.carry_values(surfaces, labels, interpolation="linear"))) > 2
+    flags = group.carry_values(surfaces, [own == 5 for own in labels])
+    assert np.array_equal(flags == 1.0, carried == 5.0)
+    file = tmp_path / "regions.label.gii"
+    array = nibabel.gifti.GiftiDataArray(labels[0].astype(np.int32), intent="NIFTI_INTENT_LABEL")
+    nibabel.save(nibabel.gifti.GiftiImage(darrays=[array]), file)
+    assert np.array_equal(group.carry_values(surfaces, [file, *floats[1:]])[0], carried[0])
+    with pytest.raises(ValueError, match="interpolation: expected one of linear, nearest; found 'cubic'"):
+        group.carry_values(surfaces, labels, interpolation="cubic")  # type: ignore[arg-type]
 
 
 def test_a_group_has_its_parts(group: sp.shape.Group, folder: Path) -> None:

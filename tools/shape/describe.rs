@@ -10,7 +10,7 @@ use spharm::shape::{Descriptors, descriptors};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, counted, is_stdout, print};
-use spharm_cli::paths::{model_name, shown};
+use spharm_cli::paths::{distinct_names, shown};
 use spharm_model::Model;
 
 use super::args::{Models, ReportArgs, Resources, read_all, to_degree};
@@ -84,6 +84,10 @@ pub(super) fn common_degree<'a>(models: impl IntoIterator<Item = &'a Descriptors
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
+    let names = match cli.names {
+        true => distinct_names(&paths, "--names")?,
+        false => paths.iter().map(|path| path.display().to_string()).collect(),
+    };
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("describe", &paths, cli.resources.both())?;
     // Memory for the descriptors, and for the text of the table's cells.
@@ -110,19 +114,18 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             found[other].channels
         );
     }
-    let row = |(model, path): (&Descriptors, &PathBuf)| -> Vec<String> {
+    let row = |(model, name): (&Descriptors, &String)| -> Vec<String> {
         let (model, size) = (model.up_to(degree), model.size());
         let model = if cli.unit_size { model.unit_size() } else { model };
         let power = model.power.iter().filter(|_| cli.only != Some(Kind::SingularValues));
         let values = model.singular_values.iter().filter(|_| cli.only != Some(Kind::Power));
         let numbers = std::iter::once(size).chain(power.chain(values).copied()).map(exact);
-        let key = if cli.names { model_name(path) } else { path.display().to_string() };
-        std::iter::once(key).chain(numbers).collect()
+        std::iter::once(name.clone()).chain(numbers).collect()
     };
-    let rows: Vec<Vec<String>> = found.iter().zip(&paths).map(row).collect();
+    let rows: Vec<Vec<String>> = found.iter().zip(&names).map(row).collect();
     let header = header(degree, channels, cli.only);
-    let names: Vec<&str> = header.iter().map(String::as_str).collect();
-    let text = table_for(cli.output.as_deref(), &names, rows.iter().map(Vec::as_slice));
+    let columns: Vec<&str> = header.iter().map(String::as_str).collect();
+    let text = table_for(cli.output.as_deref(), &columns, rows.iter().map(Vec::as_slice));
     if let Some(path) = &cli.output {
         write_text(path, cli.report.force, &text)?;
     }

@@ -11,7 +11,7 @@ use spharm::shape::{MeasureParams, Measures, local_geometry, measure};
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::OutputFile;
-use spharm_cli::paths::{all_shown, model_name, shown};
+use spharm_cli::paths::{all_shown, distinct_names, shown};
 use spharm_model::Model;
 use spharm_monitor::number;
 use spharm_surface::io::{Output, PAINTED};
@@ -94,6 +94,7 @@ pub(super) const COLUMNS: [&str; 10] = [
 /// Runs the subcommand.
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
+    let names = if cli.names { Some(distinct_names(&paths, "--names")?) } else { None };
     let maps: Option<Vec<Maps>> = cli.maps.as_deref().map(|folder| {
         let options = (cli.report.force, cli.double);
         paths.iter().map(|path| Maps::new(folder, path, &cli.format, options)).collect()
@@ -146,7 +147,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             console.warn(format!("{}: {warning}", path.display()));
         }
         let degree = coefficients.max_degree();
-        let key = if cli.names { model_name(path) } else { named() };
+        let key = names.as_ref().map_or_else(named, |names| names[number].clone());
         rows.push(row(&key, degree, &found));
         cells.push(cells_of(key, degree, &found));
         let mut report = of(&found);

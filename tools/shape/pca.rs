@@ -15,7 +15,7 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::round_numbers_below;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare};
-use spharm_cli::paths::{all_shown, shown};
+use spharm_cli::paths::{all_shown, distinct_names, shown};
 use spharm_monitor::number;
 
 use super::args::{Models, ReportArgs, Resources};
@@ -74,6 +74,9 @@ pub(super) struct Cli {
 pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
+    if cli.scores.is_some() {
+        distinct_names(&paths, "--scores")?;
+    }
     let table = cli.scores.iter().map(|path| OutputFile::with_ending(path, "--scores", &TABLES));
     check_beside(&paths, table.chain([OutputFile::with_ending(&cli.output, "--output", &[".npz"])]), &cli.report)?;
     let plan = Plan::new("pca", &paths, cli.resources.both())?;

@@ -1,5 +1,6 @@
 //! Expands lists and folders of inputs, and derives names from models' paths.
 
+use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -56,6 +57,27 @@ pub fn natural_order(paths: &mut [PathBuf]) {
 #[must_use]
 pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
+}
+
+/// Returns the names of models as [`model_name`] does, for the tables that the option `flag` requests.
+///
+/// # Errors
+///
+/// If two models have the same name, because rows of a table with equal names can't be told apart.
+pub fn distinct_names(models: &[PathBuf], flag: &str) -> Result<Vec<String>> {
+    let mut paths = HashMap::new();
+    models.iter().try_fold(Vec::new(), |mut names, path| {
+        let name = model_name(path);
+        if let Some(other) = paths.insert(name.clone(), path).filter(|other| *other != path) {
+            bail!(
+                "{flag}: expected models with different file names, found {name} for {} and {}; rename one of the files",
+                other.display(),
+                path.display()
+            );
+        }
+        names.push(name);
+        Ok(names)
+    })
 }
 
 /// Returns the name of a model without folder and extensions, with the exact bytes, for use in file names.

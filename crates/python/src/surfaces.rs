@@ -119,14 +119,17 @@ fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, 
 type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
 /// For each given point, finds the nearest point of a surface. Returns the surface's values at the nearest points,
-/// interpolated linearly within triangles, and the distances of the given points from the surface.
+/// interpolated linearly within triangles or, with `labels`, those of the triangle's nearest corner; and the distances
+/// of the given points from the surface.
 #[pyfunction]
+#[pyo3(signature = (vertices, faces, values, points, *, labels))]
 fn values_at<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
     faces: Faces<'py>,
     values: PyReadonlyArray2<'py, f64>,
     points: Positions<'py>,
+    labels: bool,
 ) -> PyResult<ValuesOut<'py>> {
     let (mesh, points) = (mesh("surface", &vertices, &faces)?, rows("points", points.as_array())?);
     let values = values.as_array().as_standard_layout().into_owned();
@@ -136,7 +139,8 @@ fn values_at<'py>(
         })?;
         let width = values.ncols();
         let (rows, _) = values.into_raw_vec_and_offset();
-        let found = places.iter().flat_map(|place| place.row(&rows, width)).collect();
+        let value = if labels { Place::largest_row } else { Place::row };
+        let found = places.iter().flat_map(|place| value(place, &rows, width)).collect();
         let off = places.iter().zip(points.iter()).map(|(place, point)| distance(place.of(&mesh.vertices), *point));
         Ok((Array2::from_shape_vec((places.len(), width), found).map_err(|_| Failure::Panic)?, off.collect::<Vec<_>>()))
     })?;

@@ -49,4 +49,12 @@ impl Place {
         };
         (0..width).map(own).collect()
     }
+
+    /// Returns the row of the corner with the largest weight; of equal weights, the first. Unlike [`row`](Self::row),
+    /// this doesn't average, as labels require.
+    #[must_use]
+    pub fn largest_row(&self, rows: &[f64], width: usize) -> Vec<f64> {
+        let largest = (1..3).fold(0, |best, k| if self.shares[k] > self.shares[best] { k } else { best });
+        rows[self.corners[largest] as usize * width..][..width].to_vec()
+    }
 }
