@@ -53,6 +53,8 @@ def dependencies():
         if match := re.fullmatch(r"`([a-z]+)`", cells[1] if len(cells) == 5 else ""):
             table[match[1]] = set(re.findall(r"`([a-z]+)`", cells[3]))
     manifests = {path.parent.name: path.read_text() for path in ROOT.glob("crates/*/Cargo.toml")}
+    # The program's package is that of the workspace.
+    manifests["tools"] = (ROOT / "Cargo.toml").read_text()
     names = {re.search(r'^name = "(.*)"', text, re.M)[1]: folder for folder, text in manifests.items()}
     for folder in table.keys() - manifests.keys():
         yield f"CONTRIBUTING.md: there is no crates/{folder}"

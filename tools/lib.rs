@@ -23,7 +23,6 @@ mod picture;
 mod reconstruct;
 mod report;
 mod roles;
-mod rounding;
 mod rows;
 mod shape;
 mod status;

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats, Triangles
-from ._surface_rounding import warn_of_rounding
+from ._warnings import warn
 
 Path = Union[str, "os.PathLike[str]"]
 
@@ -357,10 +357,11 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
         If the file's 32-bit numbers are too coarse for a surface far from the origin.
     """
     mesh = as_surface(surface)
-    _core.write_surface(
+    warning = _core.write_surface(
         os.fspath(path), mesh.vertices, mesh.faces, mesh._meta, overwrite=bool(overwrite), double=bool(double)
     )
-    warn_of_rounding(os.fspath(path), mesh.vertices, bool(double))
+    if warning is not None:
+        warn([warning])
 
 
 def read_signal(path: Path) -> Floats:

@@ -9,7 +9,7 @@ use spharm_cli::memory::{Budget, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_surface::Mesh;
-use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mask, write_painted};
+use spharm_surface::io::{CoarseNumbers, PAINTED, PlyAttributes, WriteOptions, read_mask, write_painted};
 use spharm_surface::metrics::{
     SurfaceDistanceParams, Unpaired, colors, compare_at, correspond, distances_to_surface, distances_to_surface_bytes,
     surface_distance_at, surface_distance_bytes, vertex_distances,
@@ -17,7 +17,6 @@ use spharm_surface::metrics::{
 
 pub(crate) use self::args::Cli;
 use self::output::{Report, rows};
-use crate::rounding::warn_of_rounding;
 use crate::surfaces::Surface;
 
 /// Runs the verb.
@@ -137,7 +136,8 @@ fn work(cli: &Cli) -> Result<()> {
         // A .gii file has only the distances.
         let name = output.to_string_lossy().to_lowercase();
         if !name.trim_end_matches(".gz").ends_with(".gii") {
-            warn_of_rounding(output, &reconstruction, None, monitor.console())?;
+            let coarse = CoarseNumbers::of(output, &reconstruction, &options)?;
+            coarse.iter().for_each(|coarse| monitor.console().warn(coarse.with_option(None)));
         }
         write_painted(output, &reconstruction, &attributes, &options)?;
     }

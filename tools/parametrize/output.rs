@@ -112,7 +112,7 @@ pub(super) fn described(input: &Input) -> String {
         }
         Input::Cut(cut, _) => {
             let (vertices, faces) = (cut.surface.vertices.len(), cut.surface.faces.len());
-            let cut = format!("{vertices} vertices, {faces} triangles after its handles were cut and filled");
+            let cut = format!("{vertices} vertices, {faces} triangles after the handles were cut and the cuts filled");
             input.label().map_or(cut.clone(), |label| format!("{}; {cut}", of_label(label)))
         }
         Input::Label(label) => {

@@ -18,14 +18,13 @@ use spharm_model::Model;
 use spharm_monitor::number;
 use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
 use spharm_surface::io::{
-    Precision, WriteOptions, bytes_to_read, to_write_mesh, to_write_signal, write_mesh, write_signal_of,
+    CoarseNumbers, Precision, WriteOptions, bytes_to_read, to_write_mesh, to_write_signal, write_mesh, write_signal_of,
 };
 use spharm_surface::metrics::bounding_box_scale;
 use spharm_surface::{Kind, Mesh, Seam, Sphere, TargetWarning, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
-use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Runs the verb.
@@ -144,7 +143,8 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
             None => original(&model, degree, console).with_context(named)?,
         };
         vertices = mesh.vertices.len();
-        warn_of_rounding(&output, &mesh, Some(cli.double), console)?;
+        let coarse = CoarseNumbers::of(&output, &mesh, &options)?;
+        coarse.iter().for_each(|coarse| console.warn(coarse.with_option(Some("give --double"))));
         prepare(&output)?;
         write_mesh(&output, &mesh, &options)?;
     } else {

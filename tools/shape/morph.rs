@@ -17,12 +17,11 @@ use spharm_cli::output::{OutputFile, prepare, same_place};
 use spharm_cli::paths::{all_shown, shown};
 use spharm_render::{Settings, View, render_frames, write_gif};
 use spharm_surface::Mesh;
-use spharm_surface::io::{Output, WriteOptions, write_mesh};
+use spharm_surface::io::{CoarseNumbers, Output, WriteOptions, write_mesh};
 
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check, finish};
 use super::plan::Plan;
-use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Interpolate shapes between two models
@@ -161,7 +160,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let mesh = pool.install(|| model.reconstruct(&sphere, model.coefficients.max_degree()))?;
         if !as_models {
             if step == 0 {
-                warn_of_rounding(path, &mesh, None, monitor.console())?;
+                let coarse = CoarseNumbers::of(path, &mesh, &options)?;
+                coarse.iter().for_each(|coarse| monitor.console().warn(coarse.with_option(None)));
             }
             write_mesh(path, &mesh, &options)?;
         }

@@ -16,12 +16,11 @@ use spharm_cli::paths::{model_file_name, shown, with_ending};
 use spharm_model::Model;
 use spharm_monitor::number;
 use spharm_surface::Sphere;
-use spharm_surface::io::{Output, WriteOptions, write_mesh};
+use spharm_surface::io::{CoarseNumbers, Output, WriteOptions, write_mesh};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
 use super::outputs::{check, check_folder, finish, outputs};
 use super::plan::Plan;
-use crate::rounding::warn_of_rounding;
 use crate::surfaces::cut_handles;
 
 /// Number of integration steps with which vertices are moved. The integration error is far below the resolution of a
@@ -194,7 +193,8 @@ fn one(
     for (degree, target) in degrees.into_iter().zip(targets) {
         let mesh = model.reconstruct(sphere, degree).with_context(named)?;
         prepare(target)?;
-        warn_of_rounding(target, &mesh, Some(cli.double), monitor.console())?;
+        let coarse = CoarseNumbers::of(target, &mesh, &options)?;
+        coarse.iter().for_each(|coarse| monitor.console().warn(coarse.with_option(Some("give --double"))));
         write_mesh(target, &mesh, &options)?;
         reports.push(json!({
             "model": shown(path),

@@ -237,7 +237,7 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
         let is_of_icosphere = key == "mask" && plan.method == Method::Correspond;
         if path.is_some() && test.sphere.is_none() && !is_of_icosphere {
-            bail!("{key}: also give `sphere`, a sphere with the same vertices as the {key}");
+            bail!("{key}: also give `sphere`, the sphere of the vertices to which the {key} refers");
         }
     }
     let sphere = test.sphere.as_ref().map(|sphere| plan.folder.join(sphere));

@@ -79,7 +79,7 @@ impl Test {
     /// Checks the values of the keys.
     pub(super) fn check(&self) -> Result<()> {
         match (self.effect.is_empty(), self.mean) {
-            (true, false) => bail!("expected `effect`, the column to test, or mean = true; found neither"),
+            (true, false) => bail!("expected `effect` (the column to test) or mean = true; found neither"),
             (false, true) => bail!("expected `effect` or mean = true, found both"),
             _ => {}
         }

@@ -60,7 +60,7 @@ pub(super) fn advice_on_images(image: ImageChoice) -> String {
         (None, Some(_)) => "{stem}.t{time}",
         (Some(_), Some(_)) => "{stem}.c{channel}.t{time}",
     };
-    format!("; for several channels or times in one folder, --skip-existing --name-template '{template}'")
+    format!("; to write several channels or times to one folder, give --skip-existing --name-template '{template}'")
 }
 
 /// Returns the error for a label whose model has the same path as a model of the volume `first`.

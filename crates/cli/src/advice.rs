@@ -224,6 +224,9 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::VertexMap { .. } => {
             Some("spharm fit accepts values on vertices together with the --sphere of these vertices".to_owned())
         }
+        ParametrizeError::NotLabels { value, .. } if value.fract() == 0.0 => {
+            Some(format!("renumber labels above {}; use --threshold LEVEL for grey values", i32::MAX))
+        }
         ParametrizeError::NotLabels { .. } => {
             Some("use --threshold LEVEL for grey values, or --probability for probabilities".to_owned())
         }
@@ -348,6 +351,16 @@ mod tests {
             let expected = format!("set a {needed} penalty with --smoothness LAMBDA");
             assert_eq!(advice(&Error::from(error)), Some(expected));
         }
+    }
+
+    #[test]
+    fn large_labels_are_to_be_renumbered() {
+        let of = |value| {
+            let error = ParametrizeError::NotLabels { path: "a.nii".into(), value, voxel: 3 };
+            advice(&Error::from(error)).unwrap()
+        };
+        assert!(of(8_589_934_593.0).contains("renumber labels above 2147483647"), "{}", of(8_589_934_593.0));
+        assert!(!of(0.5).contains("renumber") && of(0.5).contains("--probability"), "{}", of(0.5));
     }
 
     #[test]

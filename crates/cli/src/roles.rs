@@ -19,7 +19,7 @@ use crate::output::{is_stdout, is_stream, place};
 pub enum Role {
     /// The path is read; `@LIST` names a file of paths.
     Input,
-    /// Results are written to the path, a file or a folder.
+    /// Results are written to the path, which is that of a file or a folder.
     Output,
     /// A report or a table is written to the path, in addition to the results.
     Report,

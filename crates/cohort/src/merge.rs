@@ -88,7 +88,7 @@ fn read_one(path: &Path) -> Result<(Vec<Entry>, usize), CohortError> {
         let found = first.chars().take(80).collect();
         return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
     }
-    // Ignore an incomplete last line, which its process may be writing at the moment.
+    // Ignore an incomplete last line, because the process that writes the file may not have finished the line.
     let whole = &text[..text.rfind('\n').map_or(0, |at| at + 1)];
     let (mut entries, mut places, mut damaged): (Vec<Entry>, HashMap<String, usize>, usize) = Default::default();
     let mut is_header = true;

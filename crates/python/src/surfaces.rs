@@ -9,8 +9,8 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use spharm::generate::{Cortex, cortex};
 use spharm::io::{
-    WriteOptions, is_named_mesh, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
-    write_signal,
+    CoarseNumbers, WriteOptions, is_named_mesh, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps,
+    write_mesh, write_signal,
 };
 use spharm::machine::available_memory;
 use spharm::metrics::{
@@ -24,6 +24,7 @@ use spharm::parametrize::{
 use spharm::{Mesh, Monitor, Place, Preparation, Seam, Signal, Sphere};
 use spharm_cohort::files::ModelFiles;
 use spharm_cohort::{file_stem, is_model};
+use spharm_surface::geometry::sub;
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, rows, seam_out};
 use crate::errors::Failure;
@@ -98,9 +99,13 @@ fn write_surface(
     metadata: Option<Metadata>,
     overwrite: bool,
     double: bool,
-) -> PyResult<()> {
+) -> PyResult<Option<String>> {
     let mesh = with_metadata(mesh("surface", &vertices, &faces)?, metadata);
-    run(py, Some(1), None, move |_| Ok(write_mesh(path, &mesh, &WriteOptions { overwrite, double })?))
+    run(py, Some(1), None, move |_| {
+        let options = WriteOptions { overwrite, double };
+        write_mesh(&path, &mesh, &options)?;
+        Ok(CoarseNumbers::of(&path, &mesh, &options)?.map(|coarse| coarse.with_option(Some("give double=True"))))
+    })
 }
 
 /// Reads a signal. If `gaps` is set, values may be NaN.
@@ -118,9 +123,8 @@ fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, 
 /// Values and distances of points.
 type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// For each given point, finds the nearest point of a surface. Returns the surface's values at the nearest points,
-/// interpolated linearly within triangles or, with `labels`, those of the triangle's nearest corner; and the distances
-/// of the given points from the surface.
+/// Returns a surface's values at the points nearest to the given points, and the distances of the given points. Within
+/// triangles, values are interpolated linearly, or with `labels` are those of the nearest corner.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, values, points, *, labels))]
 fn values_at<'py>(
@@ -141,14 +145,11 @@ fn values_at<'py>(
         let (rows, _) = values.into_raw_vec_and_offset();
         let value = if labels { Place::largest_row } else { Place::row };
         let found = places.iter().flat_map(|place| value(place, &rows, width)).collect();
-        let off = places.iter().zip(points.iter()).map(|(place, point)| distance(place.of(&mesh.vertices), *point));
+        let off = places.iter().zip(points.iter()).map(|(place, point)| sub(place.of(&mesh.vertices), *point));
+        let off = off.map(|vector| vector.into_iter().fold(0.0, f64::hypot));
         Ok((Array2::from_shape_vec((places.len(), width), found).map_err(|_| Failure::Panic)?, off.collect::<Vec<_>>()))
     })?;
     Ok((found.into_pyarray(py), off.into_pyarray(py)))
-}
-
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
 #[pyfunction]

@@ -8,7 +8,7 @@ use spharm_harmonics::HarmonicsError;
 /// An error that occurred while a surface was read, checked, compared, drawn or written.
 ///
 /// Each message is one line with the file's path, what was expected, what was found and, if possible, what to do.
-/// Surfaces made in memory are called "the surface" or "the sphere" instead of by a path.
+/// For surfaces made in memory, "the surface" or "the sphere" stands in place of the path.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SurfaceError {

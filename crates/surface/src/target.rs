@@ -135,7 +135,7 @@ impl Target {
     /// [`Empty`](SurfaceError::Empty) if the surface has no vertices or triangles;
     /// [`NonFinite`](SurfaceError::NonFinite) if a position isn't finite;
     /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) if a triangle refers to a missing vertex;
-    /// [`VertexCount`](SurfaceError::VertexCount) if the sphere has another number of vertices;
+    /// [`VertexCount`](SurfaceError::VertexCount) if the sphere has a different number of vertices;
     /// [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere has triangles and the surface's triangles differ
     /// from them.
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
@@ -149,7 +149,7 @@ impl Target {
     /// # Errors
     ///
     /// [`Empty`](SurfaceError::Empty) if the signal has no values; [`NonFinite`](SurfaceError::NonFinite) if a value
-    /// isn't finite; [`VertexCount`](SurfaceError::VertexCount) if the sphere has another number of vertices.
+    /// isn't finite; [`VertexCount`](SurfaceError::VertexCount) if the sphere has a different number of vertices.
     pub fn from_signal(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the signal");
         crate::io::check_signal(name, &signal)?;

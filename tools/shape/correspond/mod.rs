@@ -113,9 +113,9 @@ pub(super) struct Cli {
     guide: bool,
     /// Signals on the surfaces, such as thickness, to match in the refinement [default weight: 0.1]
     ///
-    /// SIGNAL is a column of the table, or the name of a file in each surface's folder; in this name, {stem} is
-    /// replaced by the surface's name without its format. One standard deviation of the signal weighs as much as a
-    /// distance of WEIGHT times the square root of the surface's area; normals have weight 0.12.
+    /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} stands for the
+    /// surface's file name without its extension. A difference of one standard deviation of the signal counts as much
+    /// as a distance of WEIGHT times the square root of the surface's area. For comparison, normals have weight 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
     /// Rounds of registration; from the second round on, the group's mean is the template

@@ -1,10 +1,10 @@
 //! Builds the closed surface of quadrangles between the voxels inside and outside a mask.
 //!
-//! Each face between a voxel inside and a voxel outside is a quadrangle, wound outwards. If two diagonal voxels touch
-//! in an edge, four quadrangles meet at this edge. The two quadrangles of the same voxel are then treated as
-//! neighbours, so that the surface passes between the voxels. A vertex belongs to one fan of neighbouring quadrangles
-//! around a corner of the lattice. A lattice corner at which two parts of the surface touch gives two vertices. Every
-//! edge therefore has exactly two quadrangles, and every vertex one fan.
+//! Each face between a voxel inside and a voxel outside is a quadrangle, wound outwards. If two diagonally adjacent
+//! voxels share only an edge, four quadrangles meet at the edge, two from each voxel. The two from the same voxel are
+//! treated as neighbours, so that the surface passes between the voxels. A vertex belongs to one fan of neighbouring
+//! quadrangles around a corner of the lattice; if two parts of the surface touch at a corner, there are two vertices at
+//! the corner. Every edge therefore has exactly two quadrangles, and every vertex one fan.
 
 use spharm_surface::Mesh;
 use spharm_surface::geometry::{Vec3, cross, sub};

@@ -5,7 +5,6 @@ use spharm_transform::InverseDensity;
 use super::plan::{Available, Factor, Moments, Precondition, Request, Sizes};
 use super::preconditioner::{Density, Diagonal, Preconditioner};
 use super::solver::{Given, LsqSolver, Source};
-use super::strategy::density_may_precondition;
 
 impl LsqSolver<'_> {
     pub(super) fn sizes(&self, columns: usize) -> Sizes {
@@ -70,7 +69,7 @@ impl LsqSolver<'_> {
             Source::Moments(problem) => problem.normal(),
         };
         // The number of columns, 0 here, doesn't influence the decision.
-        if density_may_precondition(&self.sizes(0), &self.request()) { normal.inverse() } else { None }
+        if self.sizes(0).allow_density(&self.request()) { normal.inverse() } else { None }
     }
 
     fn diagonal(&self) -> Diagonal {

@@ -1,17 +1,19 @@
 //! Models the costs of the steps of a least-squares fit: a product with the normal matrix, computed from the samples or
 //! from their moments; computing the moments; and computing a Cholesky factor of the normal matrix and solving with it.
 //!
-//! Costs are in nanoseconds on one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
-//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100, a product of the normal matrix with
-//! three channels of coefficients takes 8.4 ms by samples and 2.0 ms by moments. Computing the moments takes 20 ms. At
-//! 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by either method.
+//! Costs are in nanoseconds on one thread, with the rates of `limits`; only their ratios matter. At 40,962 samples and
+//! L = 100, a product of the normal matrix with three channels of coefficients takes 8.4 ms by samples and 2.0 ms by
+//! moments. Computing the moments takes 20 ms. At 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by
+//! either method.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::FINEST;
 
 use super::limits::{
-    COARSEST_MOMENT_ACCURACY, MOMENT_ACCURACY_PER_TOLERANCE, PAYING_PER_EXPECTED_ITERATIONS,
-    PRODUCTS_PER_DENSITY_ITERATION, SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
+    COARSEST_MOMENT_ACCURACY, DENSE_FLOPS_PER_NS, FACTOR_BYTES_PER_NS, GRID_NS, MAKING_GRID_NS, MAKING_ORDER_NS,
+    MAKING_SAMPLE_NS, MOMENT_ACCURACY_PER_TOLERANCE, MOMENT_GRID_NS, MOMENT_ORDER_NS, ORDER_NS,
+    PAYING_PER_EXPECTED_ITERATIONS, PRODUCTS_PER_DENSITY_ITERATION, SAMPLE_CHANNEL_NS, SAMPLE_NS,
+    SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
 };
 
 /// Sizes that determine the costs of a fit.
@@ -30,13 +32,13 @@ impl Cost {
     /// channel.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
-        n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
+        n * (SAMPLE_NS + SAMPLE_CHANNEL_NS * c) + c * (GRID_NS * l * l * l.log2() + ORDER_NS * l.powi(3))
     }
 
     /// Returns the cost of a product with the normal matrix by moments: Legendre sums and Fourier transforms.
     pub(super) fn by_moments(&self) -> f64 {
         let (_, l, c) = self.sizes();
-        c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
+        c * (MOMENT_ORDER_NS * l.powi(3) + MOMENT_GRID_NS * l * l * l.log2())
     }
 
     /// Returns the cost of a product with the normal matrix by moments, plus the cost of a product with the inverse of
@@ -48,19 +50,20 @@ impl Cost {
     /// Returns the cost of computing the moments and the normal operator from them.
     pub(super) fn making(&self) -> f64 {
         let (n, l, _) = self.sizes();
-        350.0 * n + 100.0 * l * l * (2.0 * l).log2() + 1.2 * l.powi(3)
+        MAKING_SAMPLE_NS * n + MAKING_GRID_NS * l * l * (2.0 * l).log2() + MAKING_ORDER_NS * l.powi(3)
     }
 
     /// Returns the cost of computing a factor of the normal matrix.
     pub(super) fn factor(&self) -> f64 {
-        (basis_size(self.max_degree) as f64).powi(3) / 3.0 / 40.0
+        (basis_size(self.max_degree) as f64).powi(3) / 3.0 / DENSE_FLOPS_PER_NS
     }
 
     /// Returns the cost of a solve with a factor, and of computing the gradient and the residual. The solve reads the
-    /// factor's `4 K^2` bytes twice, at 5 bytes per nanosecond.
+    /// factor's `4 K^2` bytes twice.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
-        entries * (2.0 * self.channels as f64 / 40.0 + 1.6) + 0.5 * self.by_samples()
+        let (flops, bytes) = (2.0 * entries * self.channels as f64, 8.0 * entries);
+        flops / DENSE_FLOPS_PER_NS + bytes / FACTOR_BYTES_PER_NS + 0.5 * self.by_samples()
     }
 
     /// Returns the number of iterations after which moments have saved time; infinite if moments never save time.

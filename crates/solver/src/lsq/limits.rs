@@ -1,6 +1,6 @@
 //! Constants that determine the steps of a fit, each with its origin. A constant without a figure was chosen without a
-//! recorded measurement. The model of costs is in `cost`; figures are in docs/performance.md. The table of steps in
-//! docs/methods.md repeats some of the constants.
+//! recorded measurement. The formulas of the costs are in `cost`; figures are in docs/performance.md. The table of
+//! steps in docs/methods.md repeats some of the constants.
 
 /// Minimum number of iterations before switching to a factor that must first be computed. A sampling that needs more
 /// iterations than this number needs many more. An icosphere takes 9 iterations, a sphere map by `cald` takes 60
@@ -25,6 +25,33 @@ pub(super) const WELL_CONDITIONED_RECIPROCAL: f64 = 1e-2;
 /// If a fit has at most this number of columns, iterations are tried before a well-conditioned stored factor is used,
 /// regardless of the iterations' cost. One surface takes 16 ms by iterations, and 17 ms with the factor.
 pub(super) const FEW_COLUMNS: usize = 12;
+
+// Rates of the cost model on one thread of a Xeon of 2023. The times in ns are fitted to measurements by
+// `examples/rates.rs` of `spharm-transform`, at degree L, for n samples and c channels. The two rates of dense matrices
+// were chosen without a recorded measurement.
+
+/// Product by samples: time of a sample's kernel values.
+pub(super) const SAMPLE_NS: f64 = 50.0;
+/// Product by samples: time of a sample's sums over the kernel values, per channel.
+pub(super) const SAMPLE_CHANNEL_NS: f64 = 50.0;
+/// Product by samples: time of the Fourier transforms of a grid, divided by c L^2 log2 L.
+pub(super) const GRID_NS: f64 = 25.0;
+/// Product by samples: time of the Legendre sums, divided by c L^3.
+pub(super) const ORDER_NS: f64 = 0.1;
+/// Product by moments: time of the Fourier transforms, divided by c L^2 log2 L.
+pub(super) const MOMENT_GRID_NS: f64 = 13.0;
+/// Product by moments: time of the Legendre sums, divided by c L^3.
+pub(super) const MOMENT_ORDER_NS: f64 = 0.2;
+/// Computation of moments: time per sample.
+pub(super) const MAKING_SAMPLE_NS: f64 = 350.0;
+/// Computation of moments: time of the Fourier transforms, divided by L^2 log2 2L.
+pub(super) const MAKING_GRID_NS: f64 = 100.0;
+/// Computation of moments: time of the Legendre sums, divided by L^3.
+pub(super) const MAKING_ORDER_NS: f64 = 1.2;
+/// Rate of dense products and factorisations, in flops per ns.
+pub(super) const DENSE_FLOPS_PER_NS: f64 = 40.0;
+/// Rate at which a factor is read from memory, in bytes per ns.
+pub(super) const FACTOR_BYTES_PER_NS: f64 = 5.0;
 
 /// Moments are computed before the first iteration if the time for computing them is saved within this share of the
 /// iterations that `Cost::expected_iterations` predicts. The share is below 1, because even samplings take only half of

@@ -2,8 +2,10 @@
 
 use std::fmt;
 
+use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 
+use super::limits::ROWS_PER_COLUMN_FOR_DENSITY;
 use super::params::Strategy;
 use super::why::Why;
 
@@ -17,6 +19,22 @@ pub(super) struct Sizes {
     pub(super) max_degree: usize,
     /// Number of columns of the targets.
     pub(super) columns: usize,
+}
+
+impl Sizes {
+    /// Returns whether the density may precondition iterations by moments.
+    pub(super) fn allow_density(&self, request: &Request) -> bool {
+        let enough = self.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(self.max_degree);
+        matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
+    }
+
+    /// Returns whether the solution isn't unique, because there is no penalty and there are fewer rows with nonzero
+    /// weight than basis functions. Iterations then tend to the solution of minimum norm. Solutions by a factor of the
+    /// shifted normal matrix don't, because its inverse magnifies the transforms' errors in the undetermined
+    /// components.
+    pub(super) fn are_underdetermined(&self, request: &Request) -> bool {
+        !request.penalised && self.rows_with_weight < basis_size(self.max_degree)
+    }
 }
 
 /// Data that a solver has or can compute.

@@ -17,7 +17,7 @@ use super::params::{LsqParams, Strategy};
 use super::plan::{self, Plan};
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
-use super::strategy::{choose, is_undetermined};
+use super::strategy::choose;
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
@@ -268,7 +268,7 @@ impl<'a> LsqSolver<'a> {
             self.warnings.push(LsqWarning::NoDensity { reason: self.why_no_moments() });
         }
         let (sizes, request) = (self.sizes(columns), self.request());
-        if request.strategy == Strategy::Cholesky && is_undetermined(&sizes, &request) {
+        if request.strategy == Strategy::Cholesky && sizes.are_underdetermined(&request) {
             let reason = "there are fewer vertices than coefficients, and iterations then give the solution of minimum \
                           norm more accurately; with a smoothness penalty, the factor can be computed";
             self.warnings.push(LsqWarning::NoFactor { reason: reason.to_owned() });

@@ -26,7 +26,7 @@ use spharm_harmonics::basis_size;
 use super::cost::Cost;
 use super::limits::{
     BEGUN_PER_SOLVE_COST, FEW_COLUMNS, ITERATIONS_BEFORE_FACTOR, ITERATIONS_BESIDE_FACTOR, ITERATIONS_OF_PROGRESS,
-    LEFT_PER_FACTOR_COST, ROWS_PER_COLUMN_FOR_DENSITY, WELL_CONDITIONED_RECIPROCAL,
+    LEFT_PER_FACTOR_COST, WELL_CONDITIONED_RECIPROCAL,
 };
 use super::params::Strategy;
 use super::plan::{Available, Factor, Leave, Moments, Plan, Precondition, Request, Sizes, Step};
@@ -48,12 +48,12 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
         plan.push(Step::Refine, Why::AfterFactor);
     };
     let by_factor_at_once = strategy == Strategy::Cholesky || (strategy == Strategy::Auto && at_hand && !left_alone);
-    let undetermined = is_undetermined(sizes, request);
+    let undetermined = sizes.are_underdetermined(request);
     if by_factor_at_once && !undetermined {
         by_factor(&mut plan, why_at_once(strategy, factor));
         return plan;
     }
-    let density = density_may_precondition(sizes, request);
+    let density = sizes.allow_density(request);
     let iterate = |by_moments: bool, at_most: usize, leave_for_factor: Option<Leave>| {
         let precondition = if by_moments && density { Precondition::Density } else { Precondition::Diagonal };
         Step::Cg { by_moments, precondition, at_most, leave_for_factor }
@@ -105,19 +105,6 @@ fn why_moments(cost: &Cost, first: usize, request: &Request) -> Why {
         0 => Why::MomentsPay { after: cost.paid_after(), expected: cost.expected_iterations(request.tolerance) },
         _ => Why::MomentsPaidOff,
     }
-}
-
-/// Returns whether the density may precondition iterations by moments.
-pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool {
-    let enough = sizes.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(sizes.max_degree);
-    matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
-}
-
-/// Returns whether the solution isn't unique, because there is no penalty and there are fewer rows with nonzero weight
-/// than basis functions. Iterations then tend to the solution of minimum norm. Solutions by a factor of the shifted
-/// normal matrix don't, because its inverse magnifies the transforms' errors in the undetermined components.
-pub(super) fn is_undetermined(sizes: &Sizes, request: &Request) -> bool {
-    !request.penalised && sizes.rows_with_weight < basis_size(sizes.max_degree)
 }
 
 /// Returns the number of iterations by samples before moments are computed. The number is zero if moments save time

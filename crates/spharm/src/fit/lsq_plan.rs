@@ -36,7 +36,7 @@ pub(crate) struct Sizes {
 }
 
 impl LsqPlan {
-    /// Plans the memory of fits, with as many of a target's channels per transform as the budget allows.
+    /// Plans the memory use of fits. Each transform processes as many of a target's channels as the budget allows.
     ///
     /// # Errors
     ///

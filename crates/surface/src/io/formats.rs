@@ -1,6 +1,6 @@
 //! Lists the supported formats.
 //!
-//! To add a format, add a file to this folder and an entry to `FORMATS`.
+//! `docs/contributing/mesh-format.md` describes how to add a format.
 
 use super::spec::{FormatSpec, Precision};
 use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, threemf, vrml, vtk, vtkxml};

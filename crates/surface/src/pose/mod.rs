@@ -135,8 +135,8 @@ struct Stage {
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Number of candidates that enter the next stage because their distances, measured with the next stage's points,
-    /// are smallest. Of the other candidates, the one with the smallest untrimmed distance enters the next stage, too.
+    /// Number of candidates that enter the next stage: those with the smallest distances, measured with the next
+    /// stage's points. In addition, the one with the smallest untrimmed distance among the others enters.
     go_on: usize,
 }
 
