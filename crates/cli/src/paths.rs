@@ -59,25 +59,25 @@ pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
 }
 
-/// Returns the names of models as [`model_name`] does, for the tables that the option `flag` requests.
+/// Returns the names of models as [`model_name`] does, for a table in which names identify models. `flag` is the option
+/// that requests the table.
 ///
 /// # Errors
 ///
-/// If two models have the same name, because rows of a table with equal names can't be told apart.
+/// If two models have the same name.
 pub fn distinct_names(models: &[PathBuf], flag: &str) -> Result<Vec<String>> {
+    let names: Vec<String> = models.iter().map(|path| model_name(path)).collect();
     let mut paths = HashMap::new();
-    models.iter().try_fold(Vec::new(), |mut names, path| {
-        let name = model_name(path);
-        if let Some(other) = paths.insert(name.clone(), path).filter(|other| *other != path) {
+    for (name, path) in names.iter().zip(models) {
+        if let Some(other) = paths.insert(name, path).filter(|other| *other != path) {
             bail!(
                 "{flag}: expected models with different file names, found {name} for {} and {}; rename one of the files",
                 other.display(),
                 path.display()
             );
         }
-        names.push(name);
-        Ok(names)
-    })
+    }
+    Ok(names)
 }
 
 /// Returns the name of a model without folder and extensions, with the exact bytes, for use in file names.

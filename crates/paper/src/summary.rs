@@ -233,9 +233,10 @@ fn families(results: &Results) -> String {
     }));
     format!(
         "## Least squares and quadrature\n\nThe paper leaves this comparison as future work. The least-squares fits \
-         minimise the squared distances at the vertices, without a matrix in memory. For the quadrature, the surface is resampled over the sphere's \
-         triangles to a Gauss-Legendre grid of L + 1 rings, on which the quadrature is exact. msd and xsd are measured \
-         at the vertices; (*) marks a least-squares fit that didn't reach the tolerance with this sampling.\n\n{}",
+         minimise the squared distances at the vertices, without a matrix in memory. For the quadrature, the surface \
+         is resampled over the sphere's triangles to a Gauss-Legendre grid of L + 1 rings, on which the quadrature is \
+         exact. msd and xsd are measured at the vertices; (*) marks a least-squares fit that didn't reach the tolerance \
+         with this sampling.\n\n{}",
         markdown(&rows)
     )
 }
