@@ -7,7 +7,6 @@
 pub mod allocator;
 mod basis_build;
 mod bids;
-mod cells;
 mod compare;
 mod export;
 mod fit;
@@ -24,10 +23,8 @@ mod reconstruct;
 mod report;
 mod roles;
 mod rows;
-mod shape;
 mod status;
 mod store;
-mod study;
 mod surfaces;
 mod verbs;
 mod volumes;
@@ -58,7 +55,7 @@ enum Verb {
     Parametrize(parametrize::Cli),
     Reconstruct(reconstruct::Cli),
     Compare(compare::Cli),
-    Shape(shape::Cli),
+    Shape(spharm_analysis::Cli),
     Freesurfer(freesurfer::Cli),
     Moments(moments::Cli),
     Volumes(volumes::Cli),
@@ -66,7 +63,7 @@ enum Verb {
     Import(import::Cli),
     Status(status::Cli),
     Picture(picture::Cli),
-    Study(study::Cli),
+    Study(spharm_study::Cli),
     Bids(bids::Cli),
     Report(report::Cli),
     BasisBuild(basis_build::Cli),
@@ -85,7 +82,7 @@ impl Verb {
             Self::Parametrize(cli) => parametrize::run(cli),
             Self::Reconstruct(cli) => reconstruct::run(cli),
             Self::Compare(cli) => compare::run(cli),
-            Self::Shape(cli) => shape::run(cli),
+            Self::Shape(cli) => spharm_analysis::run(cli),
             Self::Freesurfer(cli) => freesurfer::run(cli),
             Self::Moments(cli) => moments::run(cli),
             Self::Volumes(cli) => volumes::run(cli),
@@ -93,7 +90,7 @@ impl Verb {
             Self::Import(cli) => import::run(cli),
             Self::Status(cli) => status::run(cli),
             Self::Picture(cli) => picture::run(cli),
-            Self::Study(cli) => study::run(cli, &run_command, &parse_command, &preview_fit),
+            Self::Study(cli) => spharm_study::run(cli, &run_command, &parse_command, &preview_fit),
             Self::Bids(cli) => bids::run(cli, &run_command),
             Self::Report(cli) => report::run(cli),
             Self::BasisBuild(cli) => basis_build::run(cli),
@@ -118,9 +115,12 @@ fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
 }
 
 /// Previews a `fit` command on the rows of a manifest.
-fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Previewed> {
+fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<spharm_study::Preview> {
     match Parsed::of(arguments).map_err(told)?.spharm.verb {
-        Verb::Fit(cli) => fit::preview(&cli, manifest),
+        Verb::Fit(cli) => {
+            let rows::Previewed { text, error, .. } = fit::preview(&cli, manifest)?;
+            Ok(spharm_study::Preview { text, error })
+        }
         _ => anyhow::bail!("expected the verb fit"),
     }
 }

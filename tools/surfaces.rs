@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use spharm::{Kind, Model, Sphere};
+use spharm_cli::models::cut_handles;
 use spharm_cohort::is_model;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere_counts;
@@ -94,13 +95,6 @@ impl Surface {
             }
         }
     }
-}
-
-/// Returns a warning if the handles of a model's surface were cut.
-pub(crate) fn cut_handles(model: &Model) -> Option<&'static str> {
-    let text = "handles were cut: the surface includes the caps that close the cuts";
-    let seam = model.sphere.as_ref().is_some_and(|sphere| sphere.seam.is_some());
-    (seam || model.provenance.handles.is_some()).then_some(text)
 }
 
 /// Returns the meshes of surfaces. Models of similar degrees are evaluated on the same icosphere, which is made once.

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use clap::ValueEnum;
 use spharm::Smoothness;
+use spharm_cli::freesurfer::Hemi;
 use spharm_cli::size::Size;
 use spharm_cli::threads::Threads;
 use spharm_cli::{Common, help};
@@ -99,36 +99,6 @@ pub(crate) struct Cli {
     pub(super) threads: Threads,
     #[command(flatten)]
     pub(super) common: Common,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Hemi {
-    Lh,
-    Rh,
-}
-
-impl Hemi {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Lh => "lh",
-            Self::Rh => "rh",
-        }
-    }
-
-    /// Returns the hemisphere's label in BIDS file names.
-    pub(super) fn of_bids(self) -> &'static str {
-        match self {
-            Self::Lh => "hemi-L",
-            Self::Rh => "hemi-R",
-        }
-    }
-
-    pub(super) fn other(self) -> Self {
-        match self {
-            Self::Lh => Self::Rh,
-            Self::Rh => Self::Lh,
-        }
-    }
 }
 
 /// Value of `--evaluate-on`.

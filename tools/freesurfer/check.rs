@@ -4,12 +4,11 @@ use std::path::Path;
 
 use spharm::io::read_mesh;
 use spharm::{Error, Kind, Sphere, Target, read_target};
+use spharm_cli::freesurfer::other_hemisphere;
 use spharm_cohort::Row;
 use spharm_cohort::run::RunError;
 use spharm_surface::SurfaceError;
 use spharm_surface::geometry::{cross, dot};
-
-use super::other_hemisphere;
 
 /// Names of surfaces that have the same vertices as a hemisphere's values. FreeSurfer writes all of these surfaces; the
 /// first one found is used.

@@ -4,20 +4,20 @@ mod args;
 mod check;
 mod on;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, json};
 use spharm::FitParams;
 use spharm_cli::console::Console;
+use spharm_cli::freesurfer::{CORTEX, label_file};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, first_of};
 use spharm_cohort::run::{Cohort, RunParams};
 use spharm_cohort::{Row, check_id};
 
 pub(crate) use self::args::Cli;
-use self::args::Hemi;
 use crate::rows::{self, CohortArgs, Options, if_exists};
 
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -132,22 +132,6 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     Ok((found, left_out))
 }
 
-/// Label of the vertices whose values are read by default.
-const CORTEX: &str = "cortex";
-
-/// Returns the path of a label in a subject's folder.
-fn label_file(subject: &Path, hemi: Hemi, name: &str) -> PathBuf {
-    subject.join("label").join(format!("{}.{name}.label", hemi.name()))
-}
-
-/// Returns the path of the cortex label that belongs to a per-vertex file `surf/lh.NAME` in a subject's folder, if the
-/// label exists.
-pub(crate) fn cortex_label(values: &Path) -> Option<PathBuf> {
-    let surf = values.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
-    let (hemi, _) = other_hemisphere(values)?;
-    Some(label_file(surf.parent()?, hemi, CORTEX)).filter(|label| label.is_file())
-}
-
 /// Returns a row for each combination of subject, hemisphere, and surface or signal. Rows on the same sphere are
 /// adjacent.
 fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
@@ -203,20 +187,4 @@ fn check_label(cli: &Cli, rows: &[Row]) -> Result<()> {
         ),
         _ => Ok(()),
     }
-}
-
-/// Returns the hemisphere given by a file's name, as FreeSurfer (`lh.`) or BIDS (`hemi-L`) writes it, and the path of
-/// the corresponding file of the other hemisphere.
-fn other_hemisphere(path: &Path) -> Option<(Hemi, PathBuf)> {
-    let name = path.file_name()?.to_str()?;
-    [Hemi::Lh, Hemi::Rh].into_iter().find_map(|hemi| {
-        let other = match name.strip_prefix(hemi.name()).filter(|rest| rest.starts_with('.')) {
-            Some(rest) => format!("{}{rest}", hemi.other().name()),
-            None => {
-                let (before, after) = name.split_once(hemi.of_bids()).filter(|(_, after)| after.starts_with('_'))?;
-                format!("{before}{}{after}", hemi.other().of_bids())
-            }
-        };
-        Some((hemi, path.with_file_name(other)))
-    })
 }

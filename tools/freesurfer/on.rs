@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use spharm::{Model, Sphere};
 use spharm_cli::console::Console;
+use spharm_cli::freesurfer::{Hemi, other_hemisphere};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::memory::Memory;
 use spharm_cohort::evaluate::Evaluate;
 
-use super::args::{Cli, Hemi, On};
-use super::other_hemisphere;
+use super::args::{Cli, On};
 use crate::rows::icosphere_within;
 
 /// Reads the spheres at whose vertices models are evaluated.

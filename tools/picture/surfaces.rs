@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use spharm::Model;
+use spharm_analysis::table::{Table, finite, rows_of};
 use spharm_cli::console::Console;
 use spharm_cli::paths::{expand, model_name};
 use spharm_cohort::is_model;
 use spharm_render::fit_into;
 use spharm_surface::Mesh;
 use spharm_surface::geometry::bounds;
-
-use crate::shape::table::{Table, finite, rows_of};
 
 /// Returns the files of surfaces, with folders replaced by the models in them.
 pub(super) fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>> {

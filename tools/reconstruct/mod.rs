@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::memory::Budget;
+use spharm_cli::models::cut_handles;
 use spharm_cli::output::{prepare, print_json, print_line};
 use spharm_cli::paths::shown;
 use spharm_cli::size::Size;
@@ -25,7 +26,6 @@ use spharm_surface::{Kind, Mesh, Seam, Sphere, TargetWarning, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
-use crate::surfaces::cut_handles;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, anyhow};
 use spharm_cli::Usage;
-use spharm_cli::inputs::expand_lists;
+use spharm_cli::inputs::{expand_lists, read_warnings};
 use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
@@ -20,7 +20,6 @@ use spharm_report::{Contents, Params, ReportError, page};
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
-pub(crate) use self::read::{surface_file, surface_path, warnings};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -45,7 +44,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     tables.extend(tested::tables(&cli.test, &cli.output)?);
     tables.extend(read::tables(&cli.status)?);
     let mut contents = Contents {
-        warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),
+        warnings: cli.warnings.iter().map(|path| read_warnings(path)).collect::<Result<Vec<_>>>()?.concat(),
         check: cli.check.as_deref().map(|path| checked::read(path, cli.thumbnails.as_deref())).transpose()?,
         models,
         modes: read::modes(&cli.modes)?,

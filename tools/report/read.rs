@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
-use spharm::parametrize::volume::is_volume;
 use spharm::shape::pca::file::ShapeModel;
 use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, read_text};
+use spharm_cli::models::surface_file;
 use spharm_cli::output::counted;
 use spharm_cli::paths::{expand, model_name, shown};
-use spharm_cohort::files::ModelFiles;
-use spharm_model::{FileRecord, Model};
+use spharm_model::Model;
 use spharm_report::{Maps, Shown, Table};
 use spharm_surface::Mesh;
 use spharm_surface::io::{read_mesh, read_signal};
@@ -87,33 +86,6 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
         ));
     };
     read.map_err(left_out).ok()
-}
-
-/// Returns the file of the surface to which a model was fitted, or the reason why it can't be used: it is missing, or
-/// has changed since the fit.
-pub(crate) fn surface_file(model: &Model, path: &Path) -> Result<PathBuf, String> {
-    let file = surface_path(model, path)?;
-    let record = model.provenance.input.as_ref().filter(|record| Path::new(&record.path) == file);
-    match record.map(|record| (record, FileRecord::of(&file))) {
-        Some((record, Ok(found))) if !found.same_contents(record) => Err("the file has changed".to_owned()),
-        Some((_, Err(error))) => Err(error.to_string()),
-        _ => Ok(file),
-    }
-}
-
-/// Returns the path of the surface to which a model was fitted, or the reason why no such file exists. The file may
-/// have changed since the fit.
-pub(crate) fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String> {
-    let record = model.provenance.input.as_ref().ok_or("the model doesn't record its input")?;
-    let input = Path::new(&record.path);
-    if record.label.is_some() || is_volume(input) {
-        // The surface around a label of a volume is stored in a file next to the model.
-        let beside = ModelFiles { model: path.to_owned() }.surface();
-        let missing =
-            || format!("the file is a volume, and its surface {} doesn't exist beside the model", shown(&beside));
-        return if beside.exists() { Ok(beside) } else { Err(missing()) };
-    }
-    if input.is_file() { Ok(input.to_owned()) } else { Err("no such file".to_owned()) }
 }
 
 /// Reads the entries of a report of `spharm fit`.
@@ -270,12 +242,6 @@ pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
 /// Reads tables with a header.
 pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
     paths.iter().map(|path| table(path)).collect()
-}
-
-/// Reads a list of warnings.
-pub(crate) fn warnings(path: &Path) -> Result<Vec<String>> {
-    let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
-    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of strings", path.display()))
 }
 
 /// Reads a text file on methods, and returns its paragraphs.

@@ -103,6 +103,16 @@ pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
     spharm_files::read_text(path, most).with_context(|| format!("{}: cannot read the {what}", path.display()))
 }
 
+/// Reads a JSON list of warnings, as other verbs write them.
+///
+/// # Errors
+///
+/// If the file can't be read, or isn't a list of strings.
+pub fn read_warnings(path: &Path) -> Result<Vec<String>> {
+    let text = read_text(path, "list of warnings", MOST_OWN)?;
+    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of strings", path.display()))
+}
+
 /// Returns the name of an input without folder and format, for display: `lh.pial.surf.gii` becomes `lh.pial`.
 #[must_use]
 pub fn stem(path: &Path) -> String {

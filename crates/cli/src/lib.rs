@@ -5,6 +5,9 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`cells`] | number of cells in the rows of tables |
+//! | [`freesurfer`] | names of files in FreeSurfer's folders |
+//! | [`models`] | the surface to which a model was fitted |
 //! | [`size`] | sizes as people write them: `512MiB` |
 //! | [`threads`] | the number of threads, and the pool |
 //! | [`console`] | notes, warnings and progress on stderr |
@@ -26,12 +29,15 @@
 //! | [`memory`] | `--memory`: comparison of memory plans with the budget |
 
 pub mod advice;
+pub mod cells;
 pub mod console;
 pub mod exit;
+pub mod freesurfer;
 pub mod help;
 pub mod inputs;
 pub mod machine;
 pub mod memory;
+pub mod models;
 pub mod monitor;
 pub mod names;
 pub mod output;
