@@ -153,7 +153,7 @@ fn landmarks_in_another_unit_do_not_guide() {
     let output = finish(&mut correspond(site.path(), &BOXES, &["--landmarks", "marks", "--guide", "-o", "none"]));
     let error = text(&output);
     assert!(!output.status.success() && !site.path().join("none").exists(), "{error}");
-    assert!(error.contains("in/s02.ply: guiding by landmarks needs landmarks near the surface"), "{error}");
+    assert!(error.contains("in/s02.ply: landmarks that guide a registration must lie near the surface"), "{error}");
     assert!(error.contains("multiplied by 1000, the landmarks lie on the surface"), "{error}");
     // Without guiding, the unit is only a warning.
     let arguments = ["--landmarks", "marks", "--no-refinement", "-o", "group"];

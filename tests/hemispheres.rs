@@ -98,8 +98,8 @@ fn pairs_of_different_subjects_are_named() {
     fs::remove_file(site.join("left/s3_L.spharm.npz")).expect("removed");
     fs::remove_file(site.join("right/s6_R.spharm.npz")).expect("removed");
     let said = text(&paired(site, "right", &["--icosphere", "1"]));
-    let expected = "3 of 9 pairs seem to join different subjects, by the names of the models: left/s4_L.spharm.npz with \
-                    right/s3_R.spharm.npz, ";
+    let expected = "3 of 9 pairs seem to join different subjects, judging by the names of the models: \
+                    left/s4_L.spharm.npz with right/s3_R.spharm.npz, ";
     assert!(said.contains(expected), "{said}");
     let about: Value =
         serde_json::from_str(&fs::read_to_string(site.join("test/test.json")).expect("a description")).expect("JSON");

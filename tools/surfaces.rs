@@ -11,13 +11,13 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_mesh;
 
-/// Minimum number of vertices of a model's mesh for each basis function up to the model's degree.
+/// Minimum number of vertices, per basis function of a model, of the icosphere on which the model is evaluated.
 const VERTICES: u64 = 4;
 
 /// Number of subdivisions of the finest icosphere on which models are evaluated.
 const FINEST: u32 = 7;
 
-/// A surface as it was read.
+/// A surface as read from a file: a mesh, or a model that isn't evaluated yet.
 pub(crate) enum Surface {
     Mesh(Box<Mesh>),
     /// A model, and the subdivisions of the icosphere that suits its degree.

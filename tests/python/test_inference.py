@@ -181,7 +181,7 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
         ({"blocks": [1, 2]}, r"shape \(8,\)"),
         ({"whole_blocks": True}, "with blocks"),
         ({"blocks": list("aabbccdd")}, "in these blocks"),
-        ({"variance_groups": list("abbbbbbb")}, "leaves no errors"),
+        ({"variance_groups": list("abbbbbbb")}, "fits all of its rows exactly"),
         ({"variance_groups": groups, "welch": True}, "together with Welch"),
         ({"tfce": True}, "give surface="),
         ({"tfce": True, "surface": sp.icosphere(1)}, "expected 12 vertices"),

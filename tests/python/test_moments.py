@@ -50,7 +50,7 @@ def test_a_mean_that_hides_the_residual_is_noticed() -> None:
     values = 0.01 * VALUES[:, 0]
     expected = sp.Moments(DIRECTIONS, values, max_degree=10).fit().report
     raised = sp.Moments(DIRECTIONS, np.column_stack([values + 980000, values + 1]), max_degree=10, channels=["g", "h"])
-    with pytest.warns(sp.SpharmWarning, match="rms and explained of channel g are unknown.*subtract a constant"):
+    with pytest.warns(sp.SpharmWarning, match="explained share of channel g are unknown.*subtract a constant"):
         model = raised.fit()
     assert model.report["rms"][0] is None and model.report["explained"][0] is None and model.rms is None
     assert model.report["rms"][1] == pytest.approx(expected["rms"][0], rel=1e-6)

@@ -27,7 +27,7 @@ use crate::rows::{self, Options, icosphere_within};
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let (started, monitor) = (Instant::now(), ConsoleMonitor::new(cli.common.console()));
     let console = monitor.console();
-    // Check the memory before the fits, because the fits take long.
+    // Check the memory before the fits, because the fits take a long time.
     let budget = cli.memory.budget(cli.threads.count());
     let sphere = icosphere_within(budget, "bids --icosphere ", cli.icosphere, cli.max_degree)?;
     let Dataset { found, missing } = discover(cli)?;

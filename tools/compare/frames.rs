@@ -3,8 +3,8 @@
 use spharm_surface::geometry::{add, dot, scale, sub};
 use spharm_surface::{Mesh, VolumeGeometry};
 
-/// Two vectors are treated as equal if they differ by at most this length, in mm. Coordinates rounded to 32 bits cause
-/// such differences between a vertex's displacement and the recorded centre of the volume.
+/// Largest distance, in mm, between two vectors that are treated as equal. Rounding coordinates to 32 bits causes such
+/// differences between a vertex's displacement and the recorded centre of the volume.
 const ROUNDING: f64 = 1e-3;
 
 /// Returns whether all vertices of two surfaces differ by the same vector, and this vector is the centre of the volume

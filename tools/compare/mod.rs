@@ -27,7 +27,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.threads.pool()?.install(|| work(cli))
 }
 
-/// Returns the number of bytes of two meshes.
+/// Returns the memory that two meshes occupy, in bytes.
 fn held(meshes: [&Mesh; 2]) -> u64 {
     meshes.map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>() as u64
 }
@@ -77,7 +77,7 @@ fn work(cli: &Cli) -> Result<()> {
     let apart = first.mapped_apart(&second);
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
-    // The search for vertices that don't correspond is left out if it doesn't fit into memory.
+    // Skip the search for vertices that don't correspond if it doesn't fit into memory.
     let has_room = budget.fits(held([&original, &reconstruction]) + Unpaired::bytes(reconstruction.faces.len()));
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     // If neither --mask nor --surface-distance is given, `compare_at` itself refuses meshes with different triangles.

@@ -110,7 +110,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     let twice = names.iter().enumerate().find(|(at, name)| names[..*at].contains(name)).map(|(_, name)| name.as_str());
     let hemispheres = || cli.hemi.iter().enumerate().find(|(at, hemi)| cli.hemi[..*at].contains(hemi));
     if let Some(name) = twice.or_else(|| hemispheres().map(|(_, hemi)| hemi.name())) {
-        bail!("{name} is given twice");
+        bail!("{name} is given twice; name each surface, signal and hemisphere only once");
     }
     if found.is_empty() {
         bail!(

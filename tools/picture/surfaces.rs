@@ -43,7 +43,8 @@ pub(super) fn fit_each(meshes: &mut [Mesh]) {
 }
 
 /// Returns a number for each surface from a column of a table. The surfaces' paths or names are in the table's column
-/// `model` or, without one, in its first column. Warns if this column has the paths of other files than the surfaces.
+/// `model` or, if it has no such column, in its first column. Warns if this column has paths of files other than the
+/// surfaces.
 ///
 /// # Errors
 ///
@@ -59,8 +60,8 @@ pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf], console: 
     if let Some((surface, row)) = others.first() {
         let (count, cell, surface) = (others.len(), keys[**row], surface.display());
         console.warn(format!(
-            "{}: other files of the same names, such as {cell} for {surface} ({count} of {} rows); check that this is \
-             the table of these surfaces",
+            "{}: paths of other files with the same names, such as {cell} for {surface} ({count} of {} rows); check \
+             that this is the table of these surfaces",
             named(),
             rows.len()
         ));
@@ -83,8 +84,8 @@ fn is_other_file(table: &Path, cell: &str, surface: &Path) -> bool {
     let paths = [PathBuf::from(cell), folder.join(cell)];
     let found: Vec<PathBuf> =
         paths.iter().filter(|path| path.is_file()).filter_map(|path| path.canonicalize().ok()).collect();
-    // A table of original surfaces may also be used for their copies: for files of other names, such as
-    // reconstructions, and for aligned models.
+    // A table of the original surfaces may also be used for files derived from them: for reconstructions, which have
+    // other names, and for aligned models, which record the same input.
     let same_name = |path: &PathBuf| path.file_name() == surface.file_name() && !is_copy(path, surface);
     surface.canonicalize().is_ok_and(|own| !found.contains(&own)) && found.iter().any(same_name)
 }

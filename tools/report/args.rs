@@ -12,7 +12,7 @@ use spharm_cli::threads::Threads;
 ///
 /// The page is one self-contained HTML file. The page shows surface, model and distance side by side, at any degree;
 /// spectra and provenance; modes of a group with sliders; maps of a test with thresholds; and tables that can be sorted
-/// by a click.
+/// with a click.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

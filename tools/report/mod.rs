@@ -86,7 +86,7 @@ fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
-/// Adds the option that avoids an error to the error's text, if such an option exists.
+/// Appends to an error's text the option that avoids the error, if such an option exists.
 fn advise(error: ReportError) -> anyhow::Error {
     match error {
         ReportError::TooLarge { .. } => anyhow!("{error}; raise --max-vertices"),

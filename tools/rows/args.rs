@@ -16,7 +16,7 @@ pub(crate) struct CohortArgs {
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end
     ///
-    /// If a surface fails, the exit status is 1. The models of the other surfaces don't depend on the failures.
+    /// If a surface fails, the exit status is 1. The failures don't affect the models of other surfaces.
     #[arg(long)]
     pub(crate) keep_going: bool,
     /// Append the outcome of each row to a table
@@ -29,7 +29,7 @@ pub(crate) struct CohortArgs {
     /// Report the work to be done, without doing it
     ///
     /// Checks all existing models, and reads the first surfaces and spheres. If the fits need a basis store, all
-    /// spheres are read, and the store and the memory are checked for each sphere. From all other files, at most the
+    /// spheres are read, and the store and the memory are checked for each sphere. Of all other files, at most the
     /// first bytes are read, to check that the files exist and that FreeSurfer and PLY files have as many vertices as
     /// their spheres. Other errors in these files are found only by the fit itself. The exit status is 1 if any row
     /// would fail.

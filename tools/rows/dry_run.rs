@@ -81,7 +81,7 @@ pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonit
         }
     }
     let (count, names) = (failed.len(), first_of(failed.iter().map(|(number, _)| id(*number)), NAMED));
-    // Without --keep-going the first row that fails ends the call.
+    // Without --keep-going, the first row that fails ends the call.
     let first = failed.into_iter().min_by_key(|(number, _)| *number).map(|(_, error)| anyhow::Error::from(error));
     let error = match options.run.keep_going {
         true => first.map(|_| anyhow!("{count} of {} would fail: {names}", counted(all, "surface"))),

@@ -38,7 +38,7 @@ fn list(dir: &Path, json: bool) -> Result<()> {
         return print_json(&rows);
     }
     if rows.is_empty() {
-        return print_line(&format!("{}: no schemes; build a basis with spharm basis-build", dir.display()));
+        return print_line(&format!("{}: no sampling schemes; build a basis with spharm basis-build", dir.display()));
     }
     print(&table(&scheme_lines(rows)))
 }

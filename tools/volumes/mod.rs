@@ -114,7 +114,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    // If this run was interrupted, don't warn of an earlier run's models: their labels may not be reached yet.
+    // An interrupted run may not have reached the labels of an earlier run's models, so it doesn't warn about them.
     let whole = done.is_ok() && cli.table.is_none();
     let others = whole.then(|| warnings::of_earlier_runs(&cli.output, &table, &known)).flatten();
     let doubts = doubts.chain(warnings::of_volumes(&rows)).chain(warnings::cut_off(&rows)).chain(reader.warnings());
@@ -158,7 +158,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         let there = volume.labels();
         let kept = |label: i64| {
             let voxels = *there.get(&label)?;
-            // The border is checked only for --skip-border, because with --fix the check takes long for a large label.
+            // The border is checked only for --skip-border, because with --fix the check is slow for a large label.
             let border = cli.skip_border && volume.touches_border_if(label, cli.fix, monitor).ok()?;
             cli.reason_to_skip(voxels, border).is_none().then_some(voxels)
         };

@@ -186,8 +186,8 @@ pub(super) fn earlier(table: &Path, image: ImageChoice, max_degree: Option<usize
     if found != expected {
         if powers == max_degree {
             bail!(
-                "{}: expected the columns of this version, with the given --channel and --time, found others; give \
-                 --force, or another --output",
+                "{}: expected the columns of this version, with the given --channel and --time, found other columns; \
+                 give --force, or another --output",
                 table.display()
             );
         }

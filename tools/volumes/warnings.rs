@@ -1,4 +1,4 @@
-//! Warns of models in a table: models of labels that may be cut off, models with a doubtful volume, and models of an
+//! Warns about models in a table: models of labels that may be cut off, models with a doubtful volume, and models of an
 //! earlier run.
 
 use std::collections::HashSet;

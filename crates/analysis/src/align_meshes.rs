@@ -42,7 +42,7 @@ struct Found {
     typical: Option<usize>,
 }
 
-/// Returns whether files are meshes rather than models, by their names.
+/// Returns whether files are meshes rather than models, judging by their names.
 ///
 /// # Errors
 ///
@@ -55,8 +55,8 @@ pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Resul
     let (models, meshes): (Vec<&Path>, Vec<&Path>) = files.into_iter().partition(|path| is_model(path));
     if let Some(path) = meshes.iter().find(|path| are_coefficients(path)) {
         bail!(
-            "{}: expected a model or a mesh, found a file of another package's coefficients (by its name); make a \
-             model of it with `spharm import`",
+            "{}: expected a model or a mesh, found a file of another package's coefficients (judging by its name); \
+             make a model of it with `spharm import`",
             path.display()
         );
     }

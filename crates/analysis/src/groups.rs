@@ -26,7 +26,7 @@ pub(super) fn equal_models(
 ) -> impl Iterator<Item = String> {
     equal_members(members).into_iter().map(move |equal| {
         let names: Vec<String> = equal.into_iter().map(|index| name(&paths[index])).collect();
-        format!("{}: the models are equal", names.join(", "))
+        format!("{}: the models are identical", names.join(", "))
     })
 }
 

@@ -82,7 +82,7 @@ pub(super) fn of_surfaces(
     Ok(Marks { names: matched.names, points: matched.points, warnings })
 }
 
-/// Finds a single file that keeps the files from having a landmark name in common: the first file such that all other
+/// Finds the file that is to blame if no landmark name occurs in all files: the first file without which the remaining
 /// files have a name in common. Returns a description of this file, or an empty text if no such file exists.
 fn differing(files: &[PathBuf], subjects: &[Landmarks]) -> String {
     let usual = |index: usize| {

@@ -45,9 +45,9 @@ pub(super) fn is_group(path: &Path) -> bool {
     path.is_dir() || path.file_name().is_some_and(|name| name == "group.json")
 }
 
-/// Returns for each direction of a sphere whether it is kept. If the mask is a group, the sphere may be any sphere. All
-/// other masks are read by [`read_file`]. For labels and annotations of FreeSurfer, the sphere must be read from the
-/// file of their own sphere.
+/// Returns, for each direction of a sphere, whether it is kept. If the mask is a group, the sphere may be any sphere.
+/// All other masks are read by [`read_file`]. For labels and annotations of FreeSurfer, the sphere must be read from
+/// the file of their own sphere.
 pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     if is_group(path) {

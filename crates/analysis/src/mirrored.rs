@@ -10,7 +10,7 @@ use spharm_cli::output::same_place;
 
 use super::args::files;
 
-/// Returns for each path whether it is among the named files. A named file that isn't among the paths is an error.
+/// Returns, for each path, whether it is among the named files. A named file that isn't among the paths is an error.
 pub(super) fn among(named: &[PathBuf], paths: &[PathBuf], what: &str) -> Result<Vec<bool>> {
     let mut found = vec![false; paths.len()];
     for file in named {

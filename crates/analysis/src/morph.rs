@@ -107,8 +107,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     stale.retain(|path| !same_place(path, &cli.from) && !same_place(path, &cli.to));
     if let Some(path) = stale.first().filter(|_| !cli.report.force) {
         bail!(
-            "{}: this frame of an earlier path would remain among the new frames; choose another folder, or give \
-             --force to remove such frames",
+            "{}: this file of an earlier sequence would remain among the new files; choose another folder, or give \
+             --force to remove such files",
             path.display()
         );
     }

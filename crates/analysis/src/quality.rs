@@ -187,7 +187,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     Ok(())
 }
 
-/// Returns for each vertex of an icosphere whether it is compared.
+/// Returns, for each vertex of an icosphere, whether it is compared.
 fn mask(path: &Path, subdivisions: u32) -> Result<Vec<bool>> {
     let sampling = masks::sampling(None, subdivisions);
     let remedy = "give a mask for an icosphere, and the icosphere's subdivisions with --icosphere";

@@ -27,10 +27,10 @@ use spharm_cli::models::cut_handles;
 /// mesh.
 const STEPS: usize = 16;
 
-/// A warning is given if `--even` leaves a spread of the triangles' areas above `UNEVEN`, and above this fraction of
-/// the earlier spread, on a sphere that isn't an icosphere chosen by the user.
+/// Without `--icosphere`, `--even` warns if the remaining spread of the triangles' areas exceeds both `UNEVEN` and this
+/// fraction of the spread before.
 const LITTLE: f64 = 0.8;
-/// Largest spread that isn't warned of; see [`LITTLE`].
+/// Largest spread of the triangles' areas that never causes a warning; see [`LITTLE`].
 const UNEVEN: f64 = 0.2;
 
 /// Make meshes of models: within a distance, at several degrees, or with evenly spread vertices

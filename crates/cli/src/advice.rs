@@ -255,12 +255,12 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     }
 }
 
-/// Returns the advice on a mesh that a repair can't close.
+/// Returns the advice to replace a mesh that a repair can't close.
 fn of_wrap() -> String {
     format!("--wrap {USUAL_VOXELS} replaces the mesh by the closed surface around it")
 }
 
-/// Returns the advice to repair a mesh: the flags that allow the necessary repairs.
+/// Returns the advice for a mesh that can be repaired: the flags that allow the necessary repairs.
 fn of_mending(mending: &Mending) -> String {
     let large = percent_to_allow(&mending.repair).map(|percent| format!(" --largest-repair {percent}"));
     let cut = if mending.handles > 0 { " --cut-handles" } else { "" };

@@ -19,7 +19,7 @@ use crate::console::{Kind, say};
 use crate::printable;
 use crate::usage::Usage;
 
-/// Exit code of interrupted work: EX_TEMPFAIL of sysexits.h, which means that the same command may succeed later.
+/// Exit code of interrupted work: EX_TEMPFAIL from sysexits.h, which means that the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 const FAILURE: u8 = 1;
 /// Exit code of wrong usage; clap uses the same code.

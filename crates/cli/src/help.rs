@@ -1,14 +1,14 @@
-//! Texts that the help of several verbs shares.
+//! Texts shared by the help of several verbs.
 
-/// Heading of the inputs.
+/// Help heading for inputs.
 pub const INPUT: &str = "Input";
-/// Heading of the outputs.
+/// Help heading for outputs.
 pub const OUTPUT: &str = "Output";
-/// Heading of the computation's settings.
+/// Help heading for settings of the computation.
 pub const METHOD: &str = "Method";
-/// Heading of the equation solver's settings.
+/// Help heading for settings of the equation solver.
 pub const SOLVER: &str = "Solver";
-/// Heading of the settings for memory and threads.
+/// Help heading for settings of memory and threads.
 pub const RESOURCES: &str = "Resources";
 
 /// The formats of meshes, for `--help`.

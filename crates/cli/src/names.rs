@@ -162,8 +162,8 @@ impl NameTemplate {
     }
 }
 
-/// Returns a file's path in which the folder is absolute and its links are resolved. The file's own name is kept. If
-/// the folder doesn't exist, the path is only made absolute.
+/// Makes a file's path absolute and resolves the links in its folder, but not the file's own name. If the folder
+/// doesn't exist, no links are resolved.
 fn in_its_folder(input: &Path) -> PathBuf {
     let absolute = std::path::absolute(input).unwrap_or_else(|_| input.to_owned());
     let folder = absolute.parent().and_then(|folder| folder.canonicalize().ok());

@@ -48,7 +48,7 @@ pub fn expand_to(paths: &[PathBuf], ending: &str, take: impl Fn(&Path) -> bool) 
     Ok(expanded)
 }
 
-/// Sorts paths as people do: `seg.2` comes before `seg.10`.
+/// Sorts paths in natural order: `seg.2` comes before `seg.10`.
 pub fn natural_order(paths: &mut [PathBuf]) {
     alphanumeric_sort::sort_path_slice(paths);
 }

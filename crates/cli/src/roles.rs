@@ -19,12 +19,12 @@ use crate::output::{is_stdout, is_stream, place};
 pub enum Role {
     /// The path is read; `@LIST` names a file of paths.
     Input,
-    /// Results are written to the path, which is that of a file or a folder.
+    /// Results are written to the path of a file or folder.
     Output,
     /// A report or a table is written to the path, in addition to the results.
     Report,
-    /// The path isn't that of a single file which is only read or only written. For example, it is the path of a store
-    /// or of a folder of data.
+    /// Any other use, such as the path of a store or of a folder of data: not a single file that is only read or only
+    /// written.
     Other,
 }
 

@@ -14,7 +14,7 @@ pub struct VolumeArgs {
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", hide_short_help = true)]
     pub voxel_size: Option<VoxelSize>,
-    /// Order of the axes of NumPy files: xyz, or zyx for images of scikit-image, tifffile and napari
+    /// Order of the axes of NumPy files: xyz, or zyx for images from scikit-image, tifffile and napari
     ///
     /// NIfTI, FreeSurfer, NRRD and TIFF files have a fixed order of axes, so zyx is refused for them. --voxel-size is
     /// X,Y,Z for both orders.

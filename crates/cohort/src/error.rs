@@ -182,8 +182,8 @@ pub fn wrong_cells(line: usize, expected: usize, found: usize) -> String {
     format!("line {line}: expected {expected} cells as in the header, found {found}{reason}")
 }
 
-/// Returns a hint for the end of a message: the verb `volumes` fits the volumes in a folder. `volumes` is the number of
-/// volumes in the folder. If this number is 0, the hint is empty.
+/// Returns a hint for the end of a message: the command `spharm volumes` fits the volumes in a folder. `volumes` is the
+/// number of volumes in the folder. If this number is 0, the hint is empty.
 #[must_use]
 pub fn volumes_hint(folder: &Path, volumes: usize) -> String {
     let noun = if volumes == 1 { "volume" } else { "volumes" };

@@ -108,8 +108,8 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
     }
 }
 
-/// Returns whether Windows takes a file name for a device. The comparison ignores case and everything from the first
-/// dot on.
+/// Returns whether Windows treats a file name as the name of a device. The comparison ignores case and everything from
+/// the first dot on.
 fn is_device(name: &str) -> bool {
     let base = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
     let numbered =
@@ -121,8 +121,8 @@ impl Manifest {
     /// Reads a manifest: UTF-8 text with a header, separated by commas if the file name ends in `.csv` and by tabs
     /// otherwise. The columns `id` and `surface` are required. The columns `sphere`, `weights`, `output`, `label` and
     /// `signal_mask` ([`Row::region`]) are optional, and their cells may be empty. Paths of inputs are relative to the
-    /// manifest's folder. A byte-order mark, any line ends, blank lines, lines that begin with `#`, and further columns
-    /// are allowed.
+    /// manifest's folder. A byte-order mark, any kind of line endings, blank lines, lines that begin with `#`, and
+    /// further columns are allowed.
     ///
     /// # Errors
     ///

@@ -159,7 +159,7 @@ impl StatusFile {
         let path = path.as_ref();
         let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(io("make the folder of"))?;
+            std::fs::create_dir_all(folder).map_err(io("create the file's folder"))?;
         }
         let options = OpenOptions::new().read(true).append(true).create(true).clone();
         let mut file = spharm_files::open_with(path, &options).map_err(io("open"))?;

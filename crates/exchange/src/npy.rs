@@ -45,7 +45,7 @@ pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -
     let real = |array: ArrayD<Complex64>| array.mapv(|c| c.re);
     let wrong = |expected: &str| Flaw::new(expected, &shape);
     if array.is_complex() && format != Format::S2fft {
-        return Err(Flaw::new("real numbers", "complex ones"));
+        return Err(Flaw::new("real numbers", "complex numbers"));
     }
     let matrix = || -> Option<Array2<f64>> { real(values.clone()).into_dimensionality::<Ix2>().ok() };
     match format {

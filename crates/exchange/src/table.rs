@@ -116,7 +116,7 @@ pub(crate) fn read_json(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     for (at, value) in rows.iter().enumerate() {
         let numbers = if channels == 1 { "number" } else { "numbers" };
         let expected = || format!("{channels} {numbers} in row {at} (counted from 0)");
-        let row = value.as_array().ok_or_else(|| Flaw::new(expected(), "no array"))?;
+        let row = value.as_array().ok_or_else(|| Flaw::new(expected(), "a value that isn't an array"))?;
         if row.len() != channels {
             return Err(Flaw::new(expected(), row.len()));
         }

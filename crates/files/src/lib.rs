@@ -120,7 +120,7 @@ pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
 pub fn read_text(path: impl AsRef<Path>, most: u64) -> io::Result<String> {
     let text = String::from_utf8(read(path, most)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
-        let message = format!("expected UTF-8 text, found byte 0x{:02x} at {at}", error.as_bytes()[at]);
+        let message = format!("expected UTF-8 text, found byte 0x{:02x} at offset {at}", error.as_bytes()[at]);
         io::Error::new(io::ErrorKind::InvalidData, message)
     })?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
@@ -200,7 +200,7 @@ mod tests {
         File::create(&path).unwrap().set_len(1 << 40).unwrap();
         assert_eq!(message(read(&path, 1 << 20)), "expected at most 1048576 bytes, found 1099511627776");
         std::fs::write(&path, b"ab\xff").unwrap();
-        assert_eq!(message(read_text(&path, 10)), "expected UTF-8 text, found byte 0xff at 2");
+        assert_eq!(message(read_text(&path, 10)), "expected UTF-8 text, found byte 0xff at offset 2");
     }
 
     /// The size limit also applies to files in `/proc`, whose length isn't known before they are read.

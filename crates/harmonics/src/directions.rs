@@ -10,7 +10,7 @@ use crate::{HarmonicsError, duplicates};
 /// An ordered list of unit vectors (n, 3).
 ///
 /// Vectors are normalised once, when the list is created. If a sphere is scaled by a power of two, its vertices give
-/// bitwise the same directions. If the sphere is scaled by another factor, the directions change by rounding errors at
+/// bit-identical directions. If the sphere is scaled by another factor, the directions change by rounding errors at
 /// most.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {

@@ -1,8 +1,8 @@
 //! Counts directions that repeat earlier ones.
 //!
 //! Each direction is hashed. The hashes are sorted into buckets by their leading bits, so that the bit table of one
-//! bucket stays in a core's cache; lookups in a single table for all directions would be as slow as main memory. Only
-//! directions whose hash occurs twice are compared.
+//! bucket stays in a core's cache; lookups in a single table for all directions would be as slow as accesses to main
+//! memory. Only directions whose hash occurs twice are compared.
 
 use rayon::prelude::*;
 

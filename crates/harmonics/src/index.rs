@@ -21,7 +21,7 @@ pub const fn first_column(degree: usize) -> usize {
 ///
 /// If `|order| > degree`.
 pub const fn column(degree: usize, order: isize) -> usize {
-    assert!(order.unsigned_abs() <= degree, "order outside -degree..=degree");
+    assert!(order.unsigned_abs() <= degree, "the order must be from -degree to degree");
     (degree * degree + degree).wrapping_add_signed(order)
 }
 

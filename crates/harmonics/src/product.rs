@@ -76,7 +76,7 @@ impl<'a> Matrix<'a> {
 /// If the shapes don't match.
 pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     assert_eq!(block.rows, r.rows, "the block and the residual must have the same number of rows");
-    assert_eq!(out.len(), block.columns * r.columns, "adjoint (k, c)");
+    assert_eq!(out.len(), block.columns * r.columns, "`out` must have shape (columns of the block, columns of r)");
     let channels = r.columns;
     for first in (0..channels).step_by(3) {
         match channels - first {
@@ -94,7 +94,7 @@ pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
 ///
 /// If the shapes don't match.
 pub fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out: &mut [f64], leading: usize) {
-    assert!(block.columns > 0 && x.len().is_multiple_of(block.columns), "coefficients (k, c)");
+    assert!(block.columns > 0 && x.len().is_multiple_of(block.columns), "x must have a row for each block column");
     let channels = x.len() / block.columns;
     for first in (0..channels).step_by(3) {
         let columns = &mut out[first * leading..];

@@ -17,7 +17,7 @@ const RUN: usize = 256;
 
 /// Evaluates c functions at n `directions` from their canonical `coefficients` (K, c), and returns the samples (n, c).
 ///
-/// Runs on the rayon pool from which it is called; the result is bitwise the same on any number of threads.
+/// Runs on the rayon pool from which it is called; the result is bit-identical for any number of threads.
 ///
 /// # Errors
 ///

@@ -96,7 +96,7 @@ impl Cholesky {
     }
 }
 
-/// Error of a decomposition whose iteration didn't converge, for example because of a NaN.
+/// Error returned if the iteration of a decomposition doesn't converge, for example because of a NaN.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoConvergence;
 

@@ -9,7 +9,7 @@ use faer::{Accum, Mat, MatMut};
 
 use crate::dense::{add_gram, matmul, solve_lower};
 
-/// Number of columns per panel. Wider panels take more time in products of a matrix and a vector.
+/// Number of columns per panel. Wider panels spend more time on matrix-vector products.
 const PANEL: usize = 32;
 
 /// Replaces a matrix (m, n) by the triangular factor R of its QR factorisation, with zeros below the diagonal. Takes
@@ -32,14 +32,14 @@ pub fn triangularise(mut matrix: MatMut<'_, f64>) {
 
 /// Reflections `I - v v^T / tau`, the first one applied first.
 struct Reflectors {
-    /// The vectors v as columns (m, k), with v 0 for a column that needs no reflection.
+    /// The vectors v as columns (m, k); v is 0 for a column that needs no reflection.
     vectors: Mat<f64>,
     /// The value tau of each reflection: `|v|^2 / 2`, or 1 if v is 0.
     taus: Vec<f64>,
 }
 
 impl Reflectors {
-    /// Replaces a panel (m, k), m >= k, by its triangular factor, and returns the reflections that lead to it.
+    /// Replaces a panel (m, k), m >= k, by its triangular factor, and returns the reflections that produce it.
     fn of_panel(mut panel: MatMut<'_, f64>) -> Self {
         let (rows, width) = panel.shape();
         let mut vectors = Mat::zeros(rows, width);
@@ -71,7 +71,7 @@ impl Reflectors {
         Self { vectors, taus }
     }
 
-    /// Applies the reflections to a matrix (m, n), in products of matrices.
+    /// Applies the reflections to a matrix (m, n), by matrix-matrix products.
     fn apply(&self, mut matrix: MatMut<'_, f64>) {
         let vectors = self.vectors.as_ref();
         let width = vectors.ncols();

@@ -15,7 +15,7 @@ pub use faer::{Accum, Mat, MatMut, MatRef};
 pub use householder::triangularise;
 pub use sparse::{SparseFactor, SparsePattern, SparseSum};
 
-/// Error of a matrix that isn't numerically positive definite.
+/// Error returned if a matrix isn't numerically positive definite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotPositiveDefinite {
     /// First column at which the factorisation failed, counted from 0.

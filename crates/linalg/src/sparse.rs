@@ -56,7 +56,7 @@ impl SparsePattern {
     }
 }
 
-/// A sparsity pattern given by entries in any order. The values of entries at the same place are summed.
+/// A sparsity pattern given by entries in any order. The values of entries at the same position are summed.
 #[derive(Clone, Debug)]
 pub struct SparseSum {
     pattern: SparsePattern,

@@ -1,4 +1,4 @@
-//! Writes the complex coefficients of Shen and Chung's paper as a CSV table.
+//! Writes coefficients as a CSV table of complex coefficients, in the convention of Shen and Chung's paper.
 
 use std::io::{self, Write};
 

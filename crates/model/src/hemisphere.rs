@@ -47,10 +47,10 @@ impl Model {
 }
 
 impl Provenance {
-    /// Returns the path of the fit's sphere or mask if the file's name states a different hemisphere than the input's
-    /// metadata or name. If neither states the input's hemisphere, the name of the sphere determines it. `mask` is the
-    /// mask of the whole run, which the provenance doesn't record. Returns `None` if all files belong to one
-    /// hemisphere, or if the hemispheres are unknown.
+    /// Returns the path of the fit's sphere or mask if the file's name states a different hemisphere from the one
+    /// stated by the input's metadata or name. If neither states the input's hemisphere, the name of the sphere
+    /// determines it. `mask` is the mask of the whole run, which the provenance doesn't record. Returns `None` if all
+    /// files belong to one hemisphere, or if the hemispheres are unknown.
     #[must_use]
     pub fn file_of_other_hemisphere<'a>(&'a self, mask: Option<&'a str>) -> Option<&'a str> {
         // Every fit records whether its input is a surface.

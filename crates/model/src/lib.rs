@@ -7,7 +7,7 @@
 //! | `coefficients` | f64 (K, c) | canonical coefficients, row `l^2 + l + m`, in the input's unit |
 //! | `max_degree` | i64 () | L, with K = (L + 1)^2 |
 //! | `convention` | text () | [`CONVENTION`] |
-//! | `faces` | i32 (F, 3) | triangles of the sphere, indexed from 0; none if the sphere was a list of angles |
+//! | `faces` | i32 (F, 3) | triangles of the sphere, indexed from 0; F = 0 if the sphere was a list of angles |
 //! | `directions` | f64 (n, 3) | unit vectors of the sampling scheme |
 //! | `cut_from` | i64 (2,) | original numbers of vertices and triangles of a surface whose handles were cut |
 //! | `seam` | i32 (k,) | with `cut_from`: the k vertices that are copied, in the order of their copies |
@@ -30,7 +30,7 @@
 //! | [`provenance`] | input, sphere and settings |
 //! | [`geometry`] | position of a surface in its volume, preserved from the input to the reconstruction |
 //! | [`arrays`] | archives of named matrices: groups of models |
-//! | [`csv`] | the complex coefficients of Shen and Chung's paper as a CSV table |
+//! | [`csv`] | complex coefficients in the convention of Shen and Chung's paper, as a CSV table |
 //! | [`npy`] | NumPy's array files |
 //! | `npz` | models as NumPy archives |
 //!

@@ -86,8 +86,8 @@ impl Model {
     }
 
     /// Returns whether both models are members of a group that `shape correspond` made, over one sphere, so that equal
-    /// directions are the same places. Models of other origins may have the same sphere without corresponding, such as
-    /// meshes that were resampled at one icosphere.
+    /// directions correspond. Models of other origins may have the same sphere without corresponding, such as models of
+    /// meshes that were resampled on the same icosphere.
     #[must_use]
     pub fn is_in_group_of(&self, other: &Self) -> bool {
         let of_group = |model: &Self| model.provenance.tool.as_deref() == Some("shape correspond");

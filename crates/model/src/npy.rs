@@ -69,7 +69,7 @@ impl Array {
         let header = Header::read(input).map_err(|error| error.to_string())?;
         let count = header.bytes().ok_or("a shape with more values than any file can hold")?;
         if count > most {
-            return Err(format!("a shape that needs {count} bytes of values, where at most {most} are possible"));
+            return Err(format!("a shape that needs {count} bytes of values, but the file can hold at most {most}"));
         }
         // Check that memory suffices for the bytes of the file, for the parsed numbers, and for the numbers in row
         // order. Complex numbers also need memory for their real and imaginary parts.

@@ -93,7 +93,7 @@ pub enum Warning {
     /// Two paths lead to the same file, or to files with equal bytes. Each sample then enters the sums twice, so a fit
     /// reports errors that are too small.
     #[error(
-        "{} and {} are equal, byte for byte: their samples count twice, and standard errors become too small",
+        "{} and {} are equal, byte for byte: their samples are counted twice, so standard errors are too small",
         .first.display(), .second.display()
     )]
     EqualTables {
@@ -104,8 +104,8 @@ pub enum Warning {
     },
     /// Two parts of the samples have equal sums, so they probably contain the same samples.
     #[error(
-        "{first} and {second} have equal sums: if both are of the same samples, the samples count twice, and standard \
-         errors become too small"
+        "{first} and {second} have equal sums: if both contain the same samples, these are counted twice, so \
+         standard errors are too small"
     )]
     EqualSums {
         /// Name of a part.

@@ -126,11 +126,11 @@ impl Columns {
         let positions = match &self.positions {
             Some(positions) => positions.clone(),
             None => Positions::guess(there).ok_or_else(|| {
-                unclear("the columns of the positions must be given, as they aren't x, y, z or lon, lat or theta, phi")
+                unclear("name the columns of the positions: there are no columns x, y, z or lon, lat or theta, phi")
             })?,
         };
         if self.values.is_empty() {
-            return Err(unclear("the columns of the values are not given"));
+            return Err(unclear("no column is given for the values; name at least one"));
         }
         let vectors = matches!(positions, Positions::Vectors(_));
         if !vectors
@@ -160,7 +160,7 @@ impl Columns {
         };
         let named = positions.names();
         if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
-            return Err(unclear("the same column is given twice for the position"));
+            return Err(unclear("one column is given twice for the positions; give each coordinate its own column"));
         }
         // The columns of the position are added first, because a row begins with its position.
         for name in positions.names() {
@@ -279,9 +279,9 @@ impl Plan {
                         // A column called `radius` takes precedence over the lengths.
                         let expected = if self.names.iter().any(|name| name == RADIUS) {
                             "a unit vector (the value `radius` is the table's own column; rename it to use the lengths \
-                             of vectors)"
+                             of the vectors)"
                         } else {
-                            "a unit vector (give the value `radius` to use the lengths of vectors)"
+                            "a unit vector (give the value `radius` to use the lengths of the vectors)"
                         };
                         return Err(BadRow { found, ..bad(0, expected) });
                     }

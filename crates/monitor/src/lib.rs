@@ -122,7 +122,7 @@ pub trait Monitor: Sync {
     }
 }
 
-/// Error of a computation that was cancelled by its monitor.
+/// Error returned if the monitor cancels a computation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("interrupted")]
 pub struct Interrupted;

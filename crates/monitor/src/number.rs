@@ -1,6 +1,6 @@
 //! Formats numbers for tables and messages.
 
-/// Formats a number with four significant digits, or with all digits before the decimal point if these are more than
+/// Formats a number with four significant digits, or with all digits before the decimal point if there are more than
 /// four: `0.2450`, `12.30`, `40962`, `3.100e-6`. Numbers below 0.0001, and numbers of a million or more, are written
 /// with an exponent.
 #[must_use]

@@ -1,14 +1,15 @@
-//! Maps a surface with equal areas and bounded length distortion by CALD, the control of area and length distortion (L.
-//! Shen and F. Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and Vision Computing 24, 2006).
+//! Maps a surface to the sphere with nearly equal areas and bounded length distortion by CALD, the control of area and
+//! length distortion (L. Shen and F. Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and
+//! Vision Computing 24, 2006).
 //!
 //! As in the paper, local and global smoothing start from a one-to-one map. Local smoothing moves single vertices
 //! within the triangles around them; global smoothing moves all vertices at once. Unlike in the paper, both kinds of
-//! smoothing minimise the same energy: area distortion plus weighted shape distortion (`energy.rs`). Therefore neither
-//! of them undoes the other. No step may flip a triangle. The weight of shape distortion is lowered from stage to stage
+//! smoothing minimise the same energy: area distortion plus weighted shape distortion (`energy.rs`), so neither undoes
+//! the work of the other. No step may flip a triangle. The weight of shape distortion is lowered from stage to stage
 //! until areas are equal enough, but no further. The remaining weight keeps the map smooth, and a fit over a smooth map
 //! needs fewer degrees.
 //!
-//! If the area distortion is then smaller than allowed, the remaining distortion is used for residual-adaptive areas
+//! If the area distortion is then smaller than allowed, the remaining allowance is used for residual-adaptive areas
 //! (`residual_areas.rs`). Each round increases the sampling density where a model's residual is large. The rounds
 //! continue as long as the error of a fit decreases. The error of a fit over such a map is a fifth to a half smaller
 //! than over a map with the surface's own areas.
@@ -51,7 +52,7 @@ const ROUNDS: usize = 8;
 /// multiplied.
 const STEP: f64 = 0.2;
 
-/// No round is made if it could change the target areas by less than this amount, measured like [`STEP`].
+/// The rounds end when the largest change that the next round may make, measured like [`STEP`], is below this value.
 const SMALLEST_STEP: f64 = 0.03;
 
 /// Areas aren't adapted if the residual, relative to the surface's radius, is below this value. A residual this small
@@ -66,7 +67,7 @@ const WORTHWHILE: f64 = 0.99;
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaldParams {
     /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1; 0 for areas as equal as
-    /// possible. Default 0.1. The allowed distortion is used for lower shape distortion and residual-adaptive areas.
+    /// possible. Default 0.1. The allowance is used to lower the shape distortion and to adapt areas to the residual.
     pub area: f64,
     /// The areas adapt to the residual of a model of this degree. If the degree is below 2, areas aren't adapted.
     /// Default `None`: the degree at which a model has half as many basis functions as the surface has vertices, but at
@@ -130,9 +131,9 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
     Ok(found)
 }
 
-/// Adapts areas to the residual of a fit, within the area distortion that remains allowed, as long as the error of the
-/// fit decreases. Returns the largest factor by which a target area grew. Returns `None` and leaves the map unchanged
-/// if no distortion remains or the error didn't decrease.
+/// Adapts areas to the residual of a fit, within the remaining allowance for area distortion, as long as the error of
+/// the fit decreases. Returns the largest factor by which a target area grew. Returns `None` and leaves the map
+/// unchanged if no allowance remains or the error didn't decrease.
 ///
 /// Each round multiplies the target areas by factors derived from the residual of the last fit. A round that exceeds
 /// the allowed distortion, or doesn't lower the residual, is undone and tried again with smaller factors.
@@ -144,8 +145,8 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    // The squares of the distortion used so far and of the remaining distortion are assumed to sum to the square of the
-    // allowed distortion, which is nearly true.
+    // The squares of the present distortion and of the distortion still to be added are assumed to sum to the square of
+    // the allowed distortion, which is nearly true.
     let left = |descent: &Descent| {
         let spent = descent.area_distortion(domain);
         (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()

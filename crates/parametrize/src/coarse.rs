@@ -28,7 +28,7 @@ use crate::sparse_cholesky::{Factor, Symbolic};
 /// Smallest radius R of a patch, in edges. R is larger on meshes that would otherwise have too many patches.
 const LEAST_RADIUS: usize = 4;
 
-/// Approximate largest number of patches. The number is limited because the coarse matrix is factored repeatedly.
+/// Approximate maximum number of patches. The number is limited because the coarse matrix is factored repeatedly.
 const MOST_PATCHES: usize = 10_000;
 
 /// Largest number of neighbours of an ordinary vertex. A vertex with more neighbours gets its own patch, and other

@@ -5,7 +5,7 @@
 //! vertices are reinserted in reverse order, each inside the kernel of the ring of its neighbours: the region from
 //! which the entire ring is visible. The kernel is never empty, since the entire ring is visible from the neighbour
 //! that the vertex was collapsed into. Then the vertex and its neighbours are relaxed. Whenever the number of vertices
-//! has doubled, sweeps and Newton steps optimise the entire map. Large features therefore get their areas while only
+//! has doubled, sweeps and Newton steps optimise the entire map. Large features therefore get their areas while only a
 //! few vertices have to be moved.
 
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! Refuses repaired meshes that enclose no body: surfaces with one side, and sheets closed by filling their rim.
+//! Rejects repaired meshes that enclose no body: one-sided surfaces, and sheets closed by filling their rim.
 
 use spharm_surface::Mesh;
 use spharm_surface::repair::{MeshRepair, WELDING_DISTANCE, repair, rims};
@@ -7,8 +7,8 @@ use spharm_surface::topology::{Topology, area, signed_volume};
 use crate::error::ParametrizeError;
 use crate::geometry::{add, norm, scale, sub};
 
-/// A mesh may be a sheet if filled holes have at least this share of its area. The filling of a flat sheet's rim is as
-/// large as the sheet, so it has half of the total area.
+/// A mesh may be a sheet if filled holes make up at least this share of its area. The filling of a flat sheet's rim is
+/// as large as the sheet, so it makes up half of the total area.
 const FILLED: f64 = 0.4;
 
 /// A mesh with filled holes is a sheet only if its compactness is below this value. The compactness, `36 pi V^2 / A^3`
@@ -20,9 +20,8 @@ const COMPACT: f64 = 0.005;
 /// which [`check_one_piece`] accepts without a check.
 const SPECKS: f64 = 0.05;
 
-/// If the largest piece of a mesh is a sheet, the mesh is refused. If more than this share of the mesh's area is
-/// outside of the largest piece, the error states that the mesh consists of separate pieces, and not that it is a
-/// sheet.
+/// A mesh whose largest piece is a sheet is rejected. If more than this share of the mesh's area is outside of that
+/// piece, the error states that the mesh consists of separate pieces, and not that it is a sheet.
 const REST: f64 = 0.5;
 
 /// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Several
@@ -49,8 +48,8 @@ pub(crate) fn check_one_piece(mesh: &Mesh) -> Result<(), ParametrizeError> {
 }
 
 /// Checks that a mesh can enclose a body after its repair. `open` contains the rims that the repair left open, and
-/// `found` the changes made by the repair. Returns whether the repaired mesh has two sides. A repair that joins parts
-/// which only touch can make a two-sided mesh one-sided.
+/// `found` the changes made by the repair. Returns whether the repaired mesh has two sides. A repair can make a
+/// two-sided mesh one-sided by joining parts that merely touch.
 ///
 /// # Errors
 ///
@@ -134,7 +133,8 @@ fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Opt
     (compactness < COMPACT).then_some(filled)
 }
 
-/// Returns fans of triangles that fill rims, each around the mean of its vertices. The mesh's vertices come first.
+/// Returns a mesh of fans of triangles that fill the rims, each fan around the mean of its rim's vertices. The vertices
+/// of `mesh` come first.
 fn fans(mesh: &Mesh, rims: &[Vec<u32>]) -> Mesh {
     let mut fans = Mesh::new(mesh.vertices.clone(), Vec::new());
     for rim in rims {
@@ -175,7 +175,7 @@ mod tests {
         cap
     }
 
-    /// Returns a Möbius strip that isn't joined to itself: the vertices of the last edge lie on those of the first.
+    /// Returns a Möbius strip whose ends aren't welded: the vertices of the last edge duplicate those of the first.
     fn twisted_strip() -> Mesh {
         let n = 40_u32;
         let place = |k: u32| {
@@ -229,8 +229,8 @@ mod tests {
         assert!(welded.mesh().is_some_and(|mesh| defects(mesh).0.is_empty()), "{:?}", welded.mesh_repair());
     }
 
-    /// Half of a ball is an open surface, as a sheet is. But it encloses a body if its rim is filled, so it is
-    /// accepted.
+    /// Like a sheet, half of a ball is an open surface. Unlike a sheet, it encloses a body once its rim is filled, so
+    /// it is accepted.
     #[test]
     fn a_half_of_a_ball_is_no_sheet() {
         let mended = Input::Mesh(cap(-0.01)).mended(&Silent).unwrap();

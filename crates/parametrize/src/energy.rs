@@ -93,7 +93,7 @@ pub(crate) enum Energy {
     },
     /// The energy with integrand q / r^2 + `shrink` q.
     Stretch {
-        /// Weight of the term that limits the growth of the parts of the map that aren't stretched.
+        /// Coefficient e, the weight of the term that limits how much parts of the surface are enlarged on the sphere.
         shrink: f64,
     },
 }

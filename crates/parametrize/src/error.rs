@@ -37,7 +37,7 @@ pub enum ParametrizeError {
     /// closed surface of genus zero.
     #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
     InvalidMesh {
-        /// The problem with its count.
+        /// Description of the problem, with its number of occurrences.
         problems: String,
         /// Advice to the user.
         remedy: &'static str,
@@ -253,7 +253,7 @@ pub enum ParametrizeError {
         voxels: usize,
     },
 
-    /// A mesh to be wrapped has a vertex so far from the other vertices that these span too few voxels.
+    /// A mesh to be wrapped has a vertex so far away that the rest of the mesh spans too few voxels of the grid.
     #[error(
         "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest spans {} of the \
          {voxels} voxels along the longest side, expected at least 8; remove this vertex and its triangles{}",
@@ -265,12 +265,12 @@ pub enum ParametrizeError {
         vertex: usize,
         /// Position of the vertex.
         position: [f64; 3],
-        /// Number of voxels along the longest side of the bounding box of all vertices except this one.
+        /// Number of voxels along the longest side of the rest of the mesh, without the far vertices.
         rest: f64,
         /// Number of voxels along the longest side of the mesh's bounding box.
         voxels: usize,
-        /// Smallest value of `voxels` with which the other vertices would span enough voxels (see `rest`). `None` if
-        /// this isn't possible with any accepted number of voxels.
+        /// Smallest value of `voxels` with which the rest of the mesh would span 8 voxels. `None` if no accepted value
+        /// is large enough.
         enough: Option<usize>,
     },
 
@@ -279,8 +279,8 @@ pub enum ParametrizeError {
     LossyWrap {
         /// The wrap that wasn't accepted.
         wrap: Box<Wrap>,
-        /// The limit that the wrap exceeds. It limits either the share of the mesh's area, or of the body's voxels,
-        /// that a wrap leaves out, or the share of the wrap's own area that spans holes.
+        /// The limit that the wrap exceeds: either for the share of the mesh's area or of the body's voxels that the
+        /// wrap leaves out, or for the share of the wrap's own area that spans holes.
         most: f64,
     },
 

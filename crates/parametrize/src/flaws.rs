@@ -54,7 +54,7 @@ impl Flaws {
         let mut problems = without_handles.problems();
         let flat = mesh.faces.iter().filter(|face| !has_area(face.map(|v| mesh.vertices[v as usize]))).count();
         let flat = flat.saturating_sub(topology.degenerate_faces);
-        // Two sheets may touch at a vertex, as along the seam of a surface that was cut. Duplicate vertices are
+        // Two sheets may touch at a vertex, as they do along the seam of a cut surface. Duplicate vertices are
         // therefore a defect only if they make a triangle flat. On open meshes, `Topology` reports duplicate vertices
         // itself.
         if flat > 0 && topology.duplicate_vertices > 0 && topology.boundary_edges == 0 {

@@ -14,7 +14,7 @@
 //!
 //! Cost: O(n log n). A heap orders the vertices by cost, and a cost is recomputed when its vertex reaches the top.
 //! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices with many triangles aren't
-//! removed until they have fewer. A vertex that has at most five triangles and can be removed always exists.
+//! removed until they have fewer. There is always a vertex that can be removed and has at most five triangles.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -142,8 +142,8 @@ impl Input {
         if let Self::Cut(cut, _) = self { Some(cut) } else { None }
     }
 
-    /// Describes the changes to the given surface, repairs and cuts, for warnings. If `to_be_cut` is true but a repair
-    /// has already removed all handles, one description states that the repair removed them.
+    /// Describes the repairs and cuts made to the given surface, for warnings. If `to_be_cut` is true but a repair has
+    /// already removed all handles, one description states that the repair removed them.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());

@@ -94,7 +94,7 @@ fn triangle([a, b, c]: [Vec3; 3], [x, y, z]: [f64; 3], area: f64) -> Triangle {
     let volume = -dot(a, cross(ab, ca));
     let rest = 1.0 + dot(a, b) + dot(b, c) + dot(c, a);
     let q = (x * dot(bc, bc) + y * dot(ca, ca) + z * dot(ab, ab)) / (4.0 * area);
-    // For a flipped triangle r is finite but meaningless; callers reject such triangles by `volume`.
+    // For a flipped triangle r is finite but meaningless; callers use `volume` to reject such triangles.
     let r = 2.0 * atan2_upper(positive(volume), rest) / area;
     Triangle { ab, bc, ca, volume, rest, q, r }
 }

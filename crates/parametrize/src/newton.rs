@@ -5,7 +5,7 @@
 //! triangles, is solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a
 //! Cholesky factorisation. A step is halved until it flips no triangle and decreases the energy sufficiently (Armijo).
 //! Newton steps reduce the low-frequency errors of stiff energies. Sweeps over single vertices would need about as many
-//! rounds for this as a path across the mesh has edges.
+//! rounds as there are edges on a path across the mesh.
 //!
 //! Sums are taken over chunks of fixed length in a fixed order, so the result has the same bits for any number of
 //! threads.
@@ -47,7 +47,7 @@ enum Solver {
 /// the next step.
 const SLOW: usize = 10;
 
-/// From this number of vertices on, conjugate gradients are used, because they are faster than a factorisation.
+/// With at least this number of vertices, conjugate gradients are used, because they are faster than a factorisation.
 const MANY: usize = 2000;
 
 /// Relative shift of the diagonal before a factorisation. Without the shift the matrix could be singular, since
@@ -68,7 +68,7 @@ pub(crate) struct Step {
 }
 
 impl Step {
-    /// Estimates the decrease of the energy by another step, given the actual decrease `gain` by this step.
+    /// Estimates how much another step would lower the energy, given that this step lowered it by `gain`.
     ///
     /// After a full step, the estimate is the difference between the actual and the predicted decrease, but at most
     /// `gain`. After a shorter step, the estimate is `gain`.
@@ -101,8 +101,8 @@ impl Newton {
         set_areas(&mut self.shapes, areas);
     }
 
-    /// Loads up to [`BATCH`] triangles into a batch: those with indices from `first` on and below `end`. Returns the
-    /// number of triangles loaded.
+    /// Loads up to [`BATCH`] triangles into a batch, starting at index `first` and stopping before index `end`. Returns
+    /// the number of triangles loaded.
     fn fill(&self, batch: &mut Batch, unit: &[Vec3], first: usize, end: usize) -> usize {
         let last = (first + BATCH).min(end);
         for f in first..last {

@@ -58,7 +58,7 @@ pub(crate) struct System<'a> {
     pub(crate) turns: &'a [[Vec3; 2]],
 }
 
-/// Memory that all cycles of the preconditioner reuse.
+/// Memory reused by all cycles of the preconditioner.
 struct Workspace {
     inverses: Vec<[f64; 3]>,
     rest: Vector,

@@ -123,7 +123,7 @@ pub struct Report {
     /// For equal-area: the largest relative deviation of a quadrangle's area on the sphere from its target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quad_area_deviation: Option<f64>,
-    /// Facts about the map that no other field contains; serialised as sentences.
+    /// Facts about the map that aren't in other fields; serialised as sentences.
     pub notes: Vec<Note>,
     /// Possible reasons why the map is unfit for its purpose; serialised as sentences.
     pub warnings: Vec<Warning>,
@@ -252,7 +252,7 @@ impl std::fmt::Display for Warning {
             }
             Self::Inward => f.write_str(
                 "the triangles wind inwards (negative volume), so reconstructions over the model's own sphere are \
-                 inside out; the option `fix` turns the triangles",
+                 inside out; the option `fix` reverses the triangles",
             ),
         }
     }

@@ -65,7 +65,7 @@ pub(crate) struct Residual {
     pub(crate) excess: Vec<f64>,
 }
 
-/// Fits a model of a degree to the surface over a map, and returns its residual.
+/// Fits a model of the given degree to the surface over a map, and returns the model's residual.
 pub(crate) fn residual(
     domain: &Domain,
     map: &[Vec3],

@@ -26,7 +26,7 @@ impl Star {
         star
     }
 
-    /// Loads the triangles around vertex v, reusing the memory.
+    /// Replaces the triangles by those around vertex v, reusing this star's memory.
     fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];

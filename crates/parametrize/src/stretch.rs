@@ -1,8 +1,8 @@
 //! Maps a surface with least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
 //!
-//! The map is built coarse to fine (`embed.rs`). Every level minimises the L2 stretch of the map from the sphere to the
-//! surface, so that a uniform grid of samples on the sphere is dense everywhere on the surface. The energy is infinite
-//! for a flat triangle, so no triangle can flip.
+//! The map is built coarse to fine (`embed.rs`). At every level the L2 stretch of the map from the sphere to the
+//! surface is minimised, so that a uniform grid of samples on the sphere is dense everywhere on the surface. The energy
+//! is infinite for a flat triangle, so no triangle can flip.
 
 use std::time::Instant;
 

@@ -84,6 +84,8 @@ pub(crate) fn seam_out(py: Python<'_>, seam: Seam) -> SeamOut<'_> {
 }
 
 impl<'a> SphereArrays<'a> {
+    /// Wraps the arrays of a sphere, without a record of cut handles and without metadata.
+    ///
     /// # Errors
     ///
     /// `ValueError` for wrong shapes.
@@ -93,7 +95,7 @@ impl<'a> SphereArrays<'a> {
         Ok(Self { vertices, faces, parametrized, seam: None, metadata: None })
     }
 
-    /// Copies the vertices unless they are already a copy. Work that may continue after the call needs a copy.
+    /// Copies the vertices unless they are already a copy. Work that may outlive the call needs a copy.
     pub(crate) fn owned(self) -> SphereArrays<'static> {
         let Self { vertices, faces, parametrized, seam, metadata } = self;
         SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam, metadata }

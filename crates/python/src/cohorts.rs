@@ -92,7 +92,7 @@ fn failure(error: RunError) -> Failure {
 
 #[pymethods]
 impl CohortRun {
-    /// Starts to fit the rows of a table, or the given rows.
+    /// Starts fitting the rows of a table, or the given rows.
     #[new]
     #[pyo3(signature = (
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, changes, voxel_size, axes,

@@ -39,7 +39,7 @@ pub(crate) fn transform(similarity: &Similarity) -> Value {
 pub(crate) struct Group {
     inner: Arc<Inner>,
     names: Vec<String>,
-    /// Settings with which the group was made, as far as new members need them.
+    /// The group's settings, as needed to add new members.
     params: CorrespondParams,
     /// Whether each member was mirrored before it was aligned.
     mirrored: Vec<bool>,
@@ -109,7 +109,7 @@ impl Group {
         of_group.into_iter().chain(of_members).collect()
     }
 
-    /// Returns for each direction whether the template has counterparts there.
+    /// Returns, for each direction, whether the template's nearest vertex has counterparts on members.
     fn kept_at(&self, directions: Positions<'_>) -> PyResult<Vec<bool>> {
         Ok(self.inner.template.kept_at(&rows("directions", directions.as_array())?))
     }

@@ -43,7 +43,7 @@ pub(crate) struct Settings<'py> {
     denoise: bool,
     weights: WeightsGiven<'py>,
     mask: Option<PyReadonlyArray1<'py, bool>>,
-    /// Path of the mask's file, whose name may determine the hemisphere.
+    /// Path of the mask's file, whose name may indicate the hemisphere.
     mask_path: Option<PathBuf>,
     hold_out: Option<f64>,
     standard_errors: bool,

@@ -75,8 +75,7 @@ pub(crate) fn group(
         warnings.extend(axes_differ(models.iter().map(|(.., axes)| *axes)));
     }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Check whether the parameters correspond only if the poses agree, because models in different poses never
-    // correspond.
+    // If the poses differ, skip the check for corresponding parameters: models in different poses never correspond.
     if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, ..)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }

@@ -23,7 +23,7 @@ pub(crate) struct Metadata {
     coordinate_system: Option<(String, String, [f64; 16])>,
     stamp: Option<String>,
     footer: Option<Vec<u8>>,
-    /// Path of the file, whose name may determine the hemisphere.
+    /// Path of the file, whose name may indicate the hemisphere.
     path: Option<String>,
 }
 

@@ -152,7 +152,7 @@ impl Modes {
         let all = members.saturating_sub(1).min(modes.modes.ncols());
         let found = run(py, threads, progress.as_ref(), |monitor| {
             if found < all || members < 3 {
-                let expected = format!("expected all {all} modes of a group of 3 or more members, not truncated");
+                let expected = format!("expected a group of 3 or more members with all {all} modes, not truncated");
                 return Err(Failure::Argument(format!(
                     "quality: {expected}; found {found} modes of {members} members"
                 )));

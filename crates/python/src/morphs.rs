@@ -12,9 +12,10 @@ use crate::models::Model;
 use crate::poses::refuse_signals;
 use crate::run::run_owned;
 
-/// Returns the models at the given times, from 0 (start) to 1 (end). `fixed` keeps the parameters; by default, they are
-/// kept for two members of a group. Also returns a ratio of volumes, and warnings. The ratio is the volume at time 0.5
-/// divided by the smaller of the volumes at the start and the end.
+/// Returns the models at the given times, from 0 (start) to 1 (end). `fixed` states whether both models keep their
+/// parameters; by default, they do if they are members of one group and `mirror` isn't set. Also returns a ratio of
+/// volumes, and warnings. The ratio is the volume at time 0.5 divided by the smaller of the volumes at the start and
+/// the end.
 #[pyfunction]
 #[pyo3(signature = (start, end, times, *, fixed, keep_pose, mirror, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]

@@ -10,7 +10,7 @@ use crate::arrays::{Faces, Positions, mesh};
 use crate::errors::Failure;
 use crate::run::run;
 
-/// Width and height in pixels that pictures may have.
+/// Allowed width and height of a picture, in pixels.
 const SIZES: std::ops::RangeInclusive<usize> = 64..=4096;
 
 /// Draws a surface as a square PNG. If values at the vertices, (n), are given, they are shown as colours, with a colour

@@ -47,7 +47,8 @@ impl Settings {
 /// of a matrix, row by row.
 fn rotation(what: &str, numbers: &[f64]) -> Result<Rotation, Failure> {
     let found = match *numbers {
-        // The identity matrix gives the exact identity, so that a model keeps all its bits if no rotation is requested.
+        // The identity matrix gives the exact identity, so that a model stays bit-identical if no rotation is
+        // requested.
         [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0] => Ok(Rotation::IDENTITY),
         [alpha, beta, gamma] => {
             let [alpha, beta, gamma] = [alpha, beta, gamma].map(f64::to_radians);

@@ -61,7 +61,7 @@ fn is_mesh_name(path: PathBuf) -> bool {
     named || is_named_mesh(&path)
 }
 
-/// Returns the name of a file of a surface or a model, without its folder and the extension of its format.
+/// Returns the name of a surface's or model's file, without the folder and the format's extension.
 #[pyfunction]
 fn stem(path: PathBuf) -> String {
     match is_model(&path) {
@@ -124,7 +124,7 @@ fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, 
 type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
 /// Returns a surface's values at the points nearest to the given points, and the distances of the given points. Within
-/// triangles, values are interpolated linearly, or with `labels` are those of the nearest corner.
+/// triangles, values are interpolated linearly or, with `labels`, taken from the nearest corner.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, values, points, *, labels))]
 fn values_at<'py>(
@@ -334,7 +334,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected {expected} vertices, as many as the surface has; found {found}")))
 }
 
-/// Five figures of the distances, the vertex with the largest distance, the distance at each vertex, and a warning.
+/// msd, xsd, rms, maximum and scale; the vertex with the largest distance; each vertex's distance; and a warning.
 type Compared<'py> = ([f64; 5], usize, Bound<'py, PyArray1<f64>>, Option<String>);
 
 /// Compares two meshes whose vertices correspond. Returns msd, xsd and related numbers, the vertex with the largest

@@ -19,7 +19,7 @@ pub struct Cover {
     pub most: f64,
     /// The largest distance measured.
     pub farthest: f64,
-    /// Share of the subject's area whose distance from the template exceeds `RegisterParams::reach`.
+    /// Fraction of the subject's area whose distance from the template exceeds `RegisterParams::reach`.
     pub unreached: f64,
 }
 

@@ -3,8 +3,8 @@
 //! displacement moves the centres towards the points assigned to them.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
-//! (2010). In contrast to the paper, a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) replaces the
-//! kernel's eigenvectors, and responsibilities are multiplied by `exp(kappa (n_x . n_y - 1))`:
+//! (2010). Unlike in the paper, a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) replaces the kernel's
+//! eigenvectors, and responsibilities are multiplied by `exp(kappa (n_x . n_y - 1))`:
 //!
 //! ```text
 //! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
@@ -151,8 +151,8 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks. `rows` (count, r) has the rows of the kernel's factor at the landmarks on the template. `off` (count, 3)
-/// has the vectors from these landmarks to the corresponding points of the subject.
+/// Landmarks. The kernel's factor at the landmarks on the template has the rows `rows` (count, r). The vectors from
+/// these landmarks to the corresponding points of the subject are `off` (count, 3).
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,

@@ -1,4 +1,4 @@
-//! Computes the exponentials of coherent point drift for one point paired with each point of a range.
+//! Computes the exponentials in the responsibilities of coherent point drift, for one point and each point of a range.
 
 use multiversion::multiversion;
 

@@ -24,7 +24,7 @@
 //! | [`params`] | [`RegisterParams`], with the defaults |
 //! | [`low_rank`] | Gaussian kernels as products of low rank |
 //! | [`mod@drift`] | coherent point drift |
-//! | `cells`, `exponential` | search for pairs of points within a distance, and their exponentials |
+//! | `cells`, `exponential` | search for pairs of nearby points, and the exponentials of these pairs in the drift |
 //! | [`plate`] | the bending energy of a thin plate over the template's triangles |
 //! | [`mod@snap`] | nearest points in both directions under a thin plate |
 //! | [`mod@untangle`] | projection, and repair of triangles that are turned over |

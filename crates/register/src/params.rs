@@ -3,7 +3,7 @@
 /// Settings of a stage of the drift: the kernel's width and stiffness, and the number of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriftStage {
-    /// Standard deviation of the Gaussian kernel, as a share of the square root of the template's area.
+    /// Standard deviation of the Gaussian kernel, as a fraction of the square root of the template's area.
     pub width: f64,
     /// Weight of the displacements' energy, lambda, with the square root of the template's area as the unit of lengths.
     pub stiffness: f64,
@@ -18,15 +18,14 @@ pub struct RegisterParams {
     /// Stages of the drift, the widest kernel first. An empty list suits surfaces that are already close.
     pub drift: Vec<DriftStage>,
     /// If the root mean square distance between template and subject, in both directions, is below this value, the
-    /// drift is skipped and vertices are only projected onto the subject. The reason is that the drift would scatter
-    /// points along surfaces that coincide. The drift isn't skipped if a distance reaches `reach` or landmarks are
-    /// given.
+    /// drift is skipped and vertices are only projected onto the subject, because the drift would scatter points along
+    /// surfaces that coincide. The drift isn't skipped if a distance reaches `reach` or landmarks are given.
     pub near: f64,
     /// Initial sigma of the drift. Sigma is the standard deviation of the Gaussians around the points of the template.
     pub sigma: f64,
     /// Weight of the normals in the drift's responsibilities, `exp(kappa (n_x . n_y - 1))`.
     pub kappa: f64,
-    /// Share of outliers that the drift expects.
+    /// Fraction of outliers that the drift expects.
     pub outliers: f64,
     /// Maximum number of iterations of a stage of the drift.
     pub drift_rounds: usize,
@@ -34,8 +33,8 @@ pub struct RegisterParams {
     pub drift_tolerance: f64,
     /// Weights of the thin plate's bending energy, one for each round of the closest-point iteration.
     pub stiffness: Vec<f64>,
-    /// Total weight of the pairs of a point of the subject and the nearest point of the template. The pairs of a vertex
-    /// of the template and the nearest point of the subject have the total weight 1.
+    /// Total weight of the pairs that join points of the subject to the nearest points of the template. The pairs that
+    /// join vertices of the template to the nearest points of the subject have the total weight 1.
     pub back: f64,
     /// Weight of distances within the surface, relative to distances along its normal.
     pub tangential: f64,

@@ -2,9 +2,9 @@
 //!
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
 //! Each point of the template is paired with the nearest point of the subject, by position and normal, and each point
-//! of the subject with the nearest point of the template. The pairs from the subject pull the template into tips, which
-//! aren't nearest to any point of the template. Distances along the subject's normal have full weight, and distances
-//! within the surface have a small weight. Each round solves
+//! of the subject with the nearest point of the template. The pairs that start at the subject's points pull the
+//! template into tips of the subject, which aren't nearest to any point of the template. Distances along the subject's
+//! normal have full weight, and distances within the surface have a small weight. Each round solves
 //!
 //! ```text
 //! (S^T W S + stiffness / N L^T L) v = S^T W r,   W = w (m m^T + tangential I) for each pair
@@ -27,11 +27,11 @@ use crate::plate::{PlateFactor, PlateMatrix};
 use crate::subject::{PointTree, Subject};
 use crate::template::{Template, doubled_normal, length};
 
-/// The iteration ends when the residual is at most this share of the right-hand side.
+/// The iteration ends when the residual's norm is at most this fraction of the right-hand side's norm.
 const ACCURACY: f64 = 1e-2;
 const MOST_ITERATIONS: usize = 40;
-/// The subject gets this number of points per vertex of the template. Each vertex of the template finds its nearest
-/// point among these points.
+/// Number of points spread over the subject, per vertex of the template, among which each vertex's nearest point is
+/// found.
 const SOUGHT: usize = 4;
 /// Number of points on the subject, per vertex of the template, for which the nearest point of the template is found.
 const SEEKING: f64 = 1.5;

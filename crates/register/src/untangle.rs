@@ -21,7 +21,7 @@ const MOVES: usize = 12;
 const RINGS: [usize; 6] = [1, 2, 1, 3, 2, 4];
 /// Maximum number of sweeps over the corners of triangles that are still turned over after the rounds.
 const SWEEPS: usize = 12;
-/// Positions that are tried for a corner, as shares of the way to each neighbour.
+/// Positions that are tried for a corner, as fractions of the distance to each neighbour.
 const TOWARDS: [f64; 3] = [0.25, 0.5, 0.9];
 
 /// Projects the vertices onto the subject. Returns the projected vertices, and the triangles that are still turned

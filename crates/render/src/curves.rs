@@ -159,8 +159,8 @@ impl Axes {
         places.iter().for_each(|place| stroke(picture, *place, *place, 4.0, color));
     }
 
-    /// Draws the legend in the corner that curves leave empty: at the bottom right if the first curve rises,
-    /// otherwise at the top right.
+    /// Draws the legend in the corner that the curves usually leave empty: at the bottom right if the first curve
+    /// rises, otherwise at the top right.
     fn legend(&self, picture: &mut Image, panel: &CurvePanel<'_>) {
         let rising = panel.curves.first().is_some_and(|curve| curve.values.first() < curve.values.last());
         let count = panel.curves.len() as f64;

@@ -2,7 +2,7 @@
 
 use spharm_surface::Mesh;
 
-/// Percentile of the absolute values. The colour range extends at most to twice this percentile. Without a limit, a few
+/// Percentile of the absolute values. The colour range extends to at most twice this percentile. Without a limit, a few
 /// large values would take up most of the range.
 const PERCENTILE: usize = 99;
 
@@ -22,8 +22,8 @@ pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(place).collect())
 }
 
-/// Returns a range symmetric about 0 that contains all values, but extends at most to twice the 99th percentile of
-/// the absolute values.
+/// Returns a range symmetric about 0 that contains all values, but extends to at most twice the 99th percentile of the
+/// absolute values.
 #[must_use]
 pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
@@ -42,8 +42,8 @@ pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and the range from 0 to the largest of these numbers, but at least to 1. Significant
-/// values have the colours at the upper end of the scale.
+/// Returns -log10 of p values, and the range from 0 to the largest of these numbers, or to 1 if they are all smaller.
+/// Significant values have the colours at the upper end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();

@@ -65,7 +65,7 @@ pub struct Maps {
     pub maps: Vec<(String, Vec<f64>)>,
 }
 
-/// Quality of a group in correspondence, from [`group_quality`](spharm_shape::group_quality); lengths in the surfaces'
+/// Quality of a group's correspondence, from [`group_quality`](spharm_shape::group_quality); lengths in the surfaces'
 /// unit.
 #[derive(Debug, Clone, Default)]
 pub struct Quality {

@@ -12,7 +12,7 @@ pub struct Table {
     pub columns: Vec<String>,
     /// Rows of the table, with one cell per column.
     pub rows: Vec<Vec<String>>,
-    /// Line under the table, such as the file that has further rows.
+    /// Line under the table, such as the name of the file that has further rows.
     pub note: Option<String>,
 }
 

@@ -63,9 +63,9 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// Maximum ratio of the distance at equal directions to the distance between the surfaces. Above this ratio, equal
-/// directions don't correspond. Below it, a joint search of both rotations is tried. The joint search uses the
-/// coefficients instead of sampled points, and determines the pose to rounding error.
+/// Maximum ratio of the distance at equal directions to the distance between the surfaces for which a joint search of
+/// both rotations is tried. Above this ratio, the same direction denotes different places on the two surfaces. The
+/// joint search uses the coefficients instead of sampled points, and determines the pose to rounding error.
 const NEAR: f64 = 2.0;
 
 /// Transform, distances and warnings of an alignment.
@@ -220,7 +220,7 @@ fn reported(
     })
 }
 
-/// Returns the fit for surfaces that have nothing to rotate, such as points: both rotations are the identity.
+/// Returns the fit without any rotation, as for a surface that is a point: both rotations are the identity.
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }

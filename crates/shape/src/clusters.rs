@@ -1,6 +1,6 @@
 //! Groups models by their shapes: hierarchical clustering with Ward's linkage.
 //!
-//! Ward's linkage repeatedly merges two clusters, each time the pair whose merger least increases the sum of squared
+//! Ward's linkage repeatedly merges two clusters, each time the pair whose merge least increases the sum of squared
 //! distances from the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective function", JASA 58,
 //! 1963). It is computed by the crate kodama. The number of clusters may be chosen by the mean silhouette (P. J.
 //! Rousseeuw, "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
@@ -126,9 +126,9 @@ impl PairDistances {
     }
 }
 
-/// Cuts a tree of mergers into `clusters` clusters by undoing the last mergers, and returns the cluster of each model.
+/// Cuts a tree of merges into `clusters` clusters by undoing the last merges, and returns the cluster of each model.
 fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usize> {
-    // Nodes with an index below `count` are the models. The other nodes are the mergers, in order.
+    // Nodes with an index below `count` are the models. The other nodes are the merges, in order.
     let mut parents: Vec<usize> = (0..2 * count).collect();
     for (step, merger) in tree.steps().iter().enumerate().take(count - clusters) {
         parents[merger.cluster1] = count + step;

@@ -41,8 +41,9 @@ pub enum ShapeError {
     },
     /// A variance group whose variance can't be estimated, because the design fits all of the group's rows exactly.
     #[error(
-        "variance group {group} (in order of occurrence) has {subjects} rows, but the design leaves no errors in these \
-         rows to estimate a variance from; join this group with another group, or leave out columns of the design"
+        "the variance within variance group {group} (in order of occurrence; rows: {subjects}) can't be estimated, \
+         because the design fits all of its rows exactly; merge this group with another group, or leave out columns of \
+         the design"
     )]
     VarianceGroup {
         /// Number of the group, from 1.
@@ -103,7 +104,7 @@ pub enum ShapeError {
         /// The requested order of the levels.
         order: Vec<String>,
     },
-    /// The requested order of a column's levels has a level twice.
+    /// The requested order of a column's levels lists a level twice.
     #[error("levels: expected each level of {column:?} once, found the duplicate level {level:?}")]
     DuplicateLevel {
         /// The column's name.

@@ -36,7 +36,7 @@ use crate::measures::{Columns, Grid};
 
 /// Minimum density of the directions, relative to the mean.
 pub const LEAST_DENSITY: f64 = 0.02;
-/// Name that [`ShapeError::Setting`] contains if the sphere has no triangles.
+/// Value of `name` in [`ShapeError::Setting`] if the sphere has no triangles.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
 /// Factor by which the heat kernel damps the density's highest degree.
 const LEFT: f64 = 0.05;
@@ -73,7 +73,7 @@ pub fn even_sphere(
     extent(coefficients)?;
     if sphere.faces.is_empty() || steps == 0 {
         let name = if steps == 0 { "the number of steps" } else { NO_TRIANGLES };
-        return Err(ShapeError::Setting { name, expected: "at least one is needed", found: "0".to_owned() });
+        return Err(ShapeError::Setting { name, expected: "it must be at least 1", found: "0".to_owned() });
     }
     let flow = Flow::new(coefficients, sphere.directions.len(), monitor)?;
     let mut at = sphere.directions.as_slice().to_vec();

@@ -33,8 +33,8 @@ pub struct Field {
 }
 
 impl Field {
-    /// Returns the differences between paired models: each model of the first half minus the model at the same place in
-    /// the second half. `mean` remains the mean of all models.
+    /// Returns the differences between paired models: each model of the first half minus the model at the same
+    /// position in the second half. `mean` remains the mean of all models.
     ///
     /// # Errors
     ///

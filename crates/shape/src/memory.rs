@@ -116,8 +116,8 @@ pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
 }
 
-/// Returns the maximum number of bytes that [`measure`](crate::measure) uses. A transform evaluates 12 columns, at some
-/// directions of a grid at a time. The grid has 1,024 or 2 L + 2 rings, whichever is larger.
+/// Returns the maximum number of bytes that [`measure`](crate::measure) uses. A transform evaluates 12 columns, at a
+/// limited number of a grid's directions at a time. The grid has 1,024 or 2 L + 2 rings, whichever is larger.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);

@@ -23,8 +23,8 @@ use crate::{MeasureParams, Rotation, ShapeError, measure};
 /// this minimum, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
-/// Returns the method of alignment for a path if no method is requested. Members of one group keep their
-/// parameters, by which they correspond. A mirror image (`mirror`) needs other parameters.
+/// Returns the method of alignment for a path if no method is requested. Members of one group keep their parameters,
+/// because these already correspond. If mirror images may be matched (`mirror`), the parameters must be searched too.
 #[must_use]
 pub fn default_method(from: &Model, to: &Model, mirror: bool) -> Method {
     if from.is_in_group_of(to) && !mirror { Method::FixedParameters } else { Method::Joint }

@@ -136,7 +136,7 @@ fn equal(a: &Coefficients, b: &Coefficients) -> bool {
     a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// Members are first compared by a key, which contains this number of their coefficients.
+/// Number of coefficients in the key by which members are first compared.
 const KEY: usize = 12;
 
 /// Returns the median; 0 for no values.

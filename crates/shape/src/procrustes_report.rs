@@ -89,7 +89,7 @@ pub enum ProcrustesWarning {
         /// The smallest ratio of neighbouring axes.
         ratio: f64,
     },
-    /// A member has no area, so that poses are determined by the distance at equal directions, as with
+    /// A member has no area, so poses are determined by the distance at equal directions, as with
     /// [`Method::Joint`](crate::Method::Joint).
     NoArea {
         /// Index of the member, from 0.

@@ -230,8 +230,8 @@ pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Returns the largest deviation of a row's norm from 1. The norm includes k < 0, at which values equal those at
-    /// k > 0 except for the sign.
+    /// Returns the largest deviation of a row's norm from 1. The norm includes the elements at k < 0, which equal those
+    /// at k > 0 except for the sign.
     fn worst_norm(degree: usize) -> f64 {
         let delta = dense(degree, &Centre::new(degree));
         let row_norm = |row: &[f64]| row[0] * row[0] + 2.0 * row[1..].iter().map(|v| v * v).sum::<f64>();

@@ -48,7 +48,7 @@ pub fn rotate_parameters(
         rest = others;
     }
     degrees.reverse();
-    // Steps of the monitor are proportional to flops.
+    // Progress is reported in units proportional to flops.
     let work = |degree: usize| ((degree + 1) * (degree + 1)) as u64;
     monitor.begin(Stage::counted("rotate", "elements"), (0..=max_degree).map(work).sum());
     let make = || (Quarter::default(), Workspace::default());

@@ -1,4 +1,4 @@
-//! Multiplies the rows of a [quarter](crate::quarter) with a few columns while the rows are computed. This is the inner
+//! Multiplies the rows of a [quarter](crate::quarter) by a few columns while the rows are computed. This is the inner
 //! loop of rotations.
 //!
 //! For degree l, let t = l - k. For each row i of the given parity and each column c, there are two results: the sum of
@@ -24,8 +24,7 @@ pub(crate) const WIDTH: usize = 16;
 /// processed together.
 type Sums<const C: usize> = [[[f64; WIDTH]; C]; 2];
 
-/// Consecutive steps of the recurrence: their factors, and the values (steps, C) of x with which the rows are
-/// multiplied.
+/// Consecutive steps of the recurrence: their factors, and the values (steps, C) of x by which the rows are multiplied.
 #[derive(Debug, Clone, Copy)]
 struct Steps<'a> {
     first: &'a [f64],

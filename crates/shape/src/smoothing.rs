@@ -65,8 +65,7 @@ impl Penalty {
         Self::of(settings.smoothness_choice.as_deref(), settings.smoothness)
     }
 
-    /// Returns the penalty with the given name and weight lambda. Models written by version 0.1 have no name of the
-    /// penalty.
+    /// Returns the penalty with the given name and weight lambda. Models written by version 0.1 don't name the penalty.
     fn of(name: Option<&str>, lambda: f64) -> Self {
         match name {
             Some("denoise") => Self::Denoise,

@@ -19,7 +19,7 @@
 //! | [`design`] | [`Design`], [`Contrast`]: the model and the hypothesis |
 //! | [`study`], [`terms`] | designs from tables of subjects |
 //! | `contrasts` | parsing of contrasts |
-//! | `nested` | main effects that a covariate contains |
+//! | `nested` | removal of main effects that a covariate already contains |
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | warning about unequal variances |
@@ -163,7 +163,7 @@ pub enum TestWarning {
     /// values are linearly dependent.
     #[error(
         "the errors of the linear model have no variance at {vertices} of {of} vertices, because the values are equal \
-         or the effect explains all differences: there, the statistic is set to 0 and p to 1"
+         or the effect explains all differences: at these vertices, the statistic is set to 0 and p to 1"
     )]
     NoVariance {
         /// Number of vertices without variance.
@@ -233,8 +233,8 @@ pub enum TestWarning {
     /// An effect differs between blocks, but relabellings within blocks assume equal effects.
     #[error(
         "the effect differs between blocks (F = {f:.1}, p = {p:.2e}), but relabellings within blocks assume that it is equal \
-         in all blocks: p values are probably too small; compute one slope or difference from the values of each block, \
-         and test these"
+         in all blocks: p values are probably too small; compute one slope or difference for each block, and test \
+         these values"
     )]
     UnequalEffects {
         /// Variance of the effect between blocks, divided by the variance of the errors.
@@ -245,9 +245,9 @@ pub enum TestWarning {
     /// Whole blocks are exchanged, but the columns that vary within blocks don't determine which rows of two blocks
     /// correspond.
     #[error(
-        "rows of whole blocks correspond by their order, because several columns vary within blocks and have different \
-         values in each block: p values by relabelling depend on the order of the rows; sort the rows of each block by \
-         visit or age, or give the visit as a covariate"
+        "the rows of different blocks are matched by their order, because several columns vary within blocks and have \
+         different values in each block: p values from relabellings depend on the order of the rows; sort the rows of \
+         each block by visit or age, or give the visit as a covariate"
     )]
     RowsByOrder,
     /// Rows of a block depend on each other, and the design doesn't account for it.
@@ -256,7 +256,7 @@ pub enum TestWarning {
          relabellings"
     )]
     DependentRows,
-    /// The relabellings are too few for any result to be significant.
+    /// There are too few relabellings for any result to be significant.
     #[error(
         "the smallest p that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no vertex can be \
          significant; {}",
@@ -364,8 +364,8 @@ pub fn test(
         warnings.extend(by_order.then_some(TestWarning::RowsByOrder));
         family_wise = found.map(|(found, _)| found);
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
-            // The statistic of each cluster is replaced by the map's value at the cluster's peak. The two values are
-            // computed in different ways and differ in the last bits.
+            // Each cluster's statistic is replaced by the map's value at the cluster's peak, so that the two are equal.
+            // They are computed in different ways and would otherwise differ in the last bits.
             clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
         }
         if let Some(found) = &mut family_wise {

@@ -1,6 +1,6 @@
 //! Checks whether the surfaces of an aligned group coincide in space, regardless of their parameters.
 //!
-//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
+//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose with the smallest
 //! distance at equal directions may be wrong. After such an alignment of ten vertebrae, the distances of corresponding
 //! points were 4 to 65 mm. After a rigid motion, they were only 4 to 7 mm. Therefore the surfaces themselves are
 //! compared. Points are spread evenly over the area of each surface, and their distances to the nearest points of the

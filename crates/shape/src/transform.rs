@@ -247,7 +247,7 @@ mod tests {
     }
 
     /// The point of the mirrored surface at a mirrored direction is the mirror image of the surface's point at the
-    /// direction. Reflecting twice is the identity.
+    /// original direction. Reflecting twice is the identity.
     #[test]
     fn a_reflection_mirrors_surface_and_sphere() {
         let surface = blob(6, 2);

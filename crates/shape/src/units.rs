@@ -64,8 +64,8 @@ impl fmt::Display for OtherUnit {
     }
 }
 
-/// Returns the members whose lengths seem to be in another unit, in the group's order; none for fewer than [`LEAST`]
-/// members.
+/// Returns the members whose lengths seem to be in another unit, in the group's order. A group of fewer than [`LEAST`]
+/// members has no such members.
 #[must_use]
 pub fn other_units(members: &[Coefficients]) -> Vec<OtherUnit> {
     if members.len() < LEAST {

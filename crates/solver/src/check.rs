@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::SolverError;
 
-/// Number of rows of the targets that are checked together.
+/// Number of rows of the targets checked at a time.
 const RUN: usize = 1 << 14;
 
 /// Returns an error if the number of weights isn't `rows`, if a weight is negative or not finite, or if all weights are

@@ -39,7 +39,12 @@ impl ChunkedRows {
     ///
     /// If the numbers of rows differ or there aren't enough columns.
     pub fn set_columns(&mut self, first: usize, columns: ArrayView2<'_, f64>) {
-        assert!(columns.nrows() == self.rows && first + columns.ncols() <= self.channels, "columns of {columns:?}");
+        assert!(
+            columns.nrows() == self.rows && first + columns.ncols() <= self.channels,
+            "columns of shape {:?} don't fit at column {first} of an array of shape {:?}",
+            columns.dim(),
+            (self.rows, self.channels)
+        );
         let chunk_rows = self.chunk_rows;
         for (chunk, rows) in self.chunks_mut().into_iter().zip(columns.axis_chunks_iter(ndarray::Axis(0), chunk_rows)) {
             let count = rows.nrows();

@@ -232,7 +232,8 @@ fn size(bytes: usize) -> String {
 mod tests {
     use super::*;
 
-    /// A needed size is rounded up to MiB, so that the stated budget suffices. A budget below 1 MiB is shown in bytes.
+    /// A required size is rounded up to MiB, so that the stated budget suffices. A budget below 1 MiB is shown in
+    /// bytes.
     #[test]
     fn sizes_are_those_that_work() {
         let budget = |budget, needed| SolverError::Budget { budget, needed, granularity: None }.to_string();

@@ -32,9 +32,9 @@ pub(crate) const MOST_TOGETHER: usize = 128;
 /// multiplies the remaining rounding error by the machine epsilon times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
-/// Default smoothness penalty over a sphere made by parametrisation: the penalty at the highest degree, relative to
-/// the weight of the vertices. Without a penalty, a model is undetermined between the corners of large triangles. The
-/// penalty increases the msd by some per cent.
+/// Default smoothness penalty over a sphere made by parametrisation: the penalty at the highest degree, relative to the
+/// weight of the vertices. Without a penalty, a model is undetermined between the corners of large triangles. The
+/// penalty increases the msd by a few per cent.
 const RELATIVE_PENALTY: f64 = 0.01;
 
 /// Fits to lower degrees have no default penalty. They don't need one, because their wavelengths are longer than any

@@ -2,9 +2,9 @@
 //!
 //! The error of a model is the root mean square distance between the model and the surface. The error falls roughly as
 //! a power of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error
-//! is small enough. The wanted degree is then between the last two degrees. The wanted degree is found by alternating
-//! between bisection and predictions with a power law. Bisection is needed for surfaces that are themselves models,
-//! whose errors fall abruptly at the model's degree.
+//! is small enough. The wanted degree then lies between the last two degrees, and is found by alternating between
+//! bisection and predictions with a power law. Bisection is needed for surfaces that are themselves models, whose
+//! errors fall abruptly at the model's degree.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -119,7 +119,7 @@ const EDGES: f64 = 1.5;
 /// Returns the lowest degree with which the model of a surface is as accurate as requested. The surface is mapped to a
 /// sphere for each fit. The degree is at most 256, and a model has at most as many functions as the surface has
 /// vertices. If no degree is accurate enough, returns the degree whose resolution is one and a half edges of the
-/// surface, or the highest possible degree if it is lower.
+/// surface, or the highest possible degree if that is lower.
 ///
 /// Each degree is tried by a fit with `params`, in which only the degree is replaced. Five to eight fits are usual.
 ///

@@ -146,7 +146,7 @@ pub enum Error {
         /// The smallest sufficient budget in bytes.
         needed: usize,
     },
-    /// A limit on the process that the computation would exceed.
+    /// A resource limit of this process that the computation would exceed.
     #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
         /// Name of the limit.

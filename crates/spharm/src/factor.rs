@@ -99,7 +99,7 @@ impl<'a> PlannedFactor<'a> {
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
-            // Convert an interruption to the store's error, because its message adds that finished files are kept.
+            // Convert an interruption to the store's error, whose message also says that finished files are kept.
             SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
             error => error.into(),
         })

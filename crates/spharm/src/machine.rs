@@ -90,8 +90,8 @@ fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
 struct Version {
     limits: &'static [&'static str],
     used: &'static str,
-    /// Fields of `memory.stat` for pages of files. These pages are included in the usage, but are dropped when memory
-    /// is short.
+    /// Fields of `memory.stat` that count the pages of cached files. These pages are included in the usage, but are
+    /// dropped when memory is short.
     files: [&'static str; 2],
 }
 
@@ -111,8 +111,8 @@ const V2: Version = Version {
 };
 
 impl Version {
-    /// Returns the free memory of a control group: its limit minus its usage, in which pages of files aren't counted.
-    /// Returns `None` if the limit or the usage is unknown.
+    /// Returns the free memory of a control group: its limit minus its usage without the pages of cached files. Returns
+    /// `None` if the limit or the usage is unknown.
     fn free(&self, group: &Path) -> Option<u64> {
         let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
         let limit = self.limits.iter().filter_map(number).min()?;
@@ -202,7 +202,7 @@ mod tests {
         assert_eq!(free("0::/pod\n"), Some(600));
         assert_eq!(free("0::/pod/step\n"), Some(400));
         assert_eq!(free("9:memory:/job/step_0\n0::/pod\n"), Some(60));
-        // A group with a limit but without a usage, for example because the file of the usage isn't readable.
+        // A group with a known limit but unknown usage, for example because the usage file isn't readable.
         group("odd", &[("memory.max", "1000\n")]);
         assert_eq!(free("0::/odd\n"), None);
     }

@@ -38,8 +38,8 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
 
 /// Returns a model of coefficients that were derived from the coefficients of `source`, over the same sphere.
 ///
-/// `transform` describes the operation. `transform` is appended to the list [`TRANSFORM`] in the provenance. The
-/// settings and distances of the fit are omitted, since the derived model isn't the result of that fit.
+/// `transform` describes the operation, and is appended to the list [`TRANSFORM`] in the provenance. The settings and
+/// distances of the fit are omitted, since the derived model isn't the result of that fit.
 #[must_use]
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);

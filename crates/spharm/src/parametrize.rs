@@ -58,8 +58,8 @@ pub fn parametrize_with<'a>(
     Method::Auto(params.clone()).run(surface, monitor)?.try_into()
 }
 
-/// Returns a surface's map to the sphere that is given by `sphere`, a mesh with the surface's triangles and the images
-/// of its vertices.
+/// Returns the map from a surface to the sphere that is given by `sphere`, a mesh with the surface's triangles and the
+/// images of the surface's vertices.
 ///
 /// # Errors
 ///

@@ -217,8 +217,8 @@ pub struct FitParams {
     /// Whether meshes are fitted as surfaces or at their vertices, for [`Method::Lsq`].
     pub objective: Objective,
     /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere (see
-    /// [`CaldParams::area`](crate::parametrize::CaldParams::area)). The default is 0.8. Of the allowed distortion, the
-    /// map uses only the part that improves the fit.
+    /// [`CaldParams::area`](crate::parametrize::CaldParams::area)). The default is 0.8. The map uses only as much of
+    /// the allowed distortion as improves the fit.
     #[setters(into)]
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].

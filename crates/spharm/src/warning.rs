@@ -12,8 +12,8 @@ use spharm_solver::lsq::LsqWarning;
 const LARGEST_AMPLIFIED: f64 = 0.25;
 /// Noise in the coefficients is attributed to the sampling only if the condition number exceeds this value.
 const POOR: f64 = 3.0;
-/// A denoised fit warns if the noise in degree 1 has more than this multiple of the power that it would have on an even
-/// sampling.
+/// A warning is given for a denoised fit if the power of the noise in degree 1 exceeds this multiple of its power on an
+/// even sampling.
 const LARGEST_NOISE: f64 = 10.0;
 /// The signal of degree 1 is clearly above the noise if denoising multiplies it by at least this gain.
 const CLEAR_GAIN: f64 = 0.9;
@@ -102,7 +102,7 @@ pub enum FitWarning {
         /// Resolution at the highest degree, `pi / L`, in degrees.
         resolved: f64,
     },
-    /// The sampling determines some combinations of coefficients so poorly that noise decides them.
+    /// The sampling determines some combinations of coefficients so poorly that noise dominates them.
     Amplified {
         /// Highest degree of the fit.
         max_degree: usize,
@@ -249,9 +249,9 @@ impl fmt::Display for FitWarning {
             ),
             Self::LostResidual { channels } => write!(
                 f,
-                "rms and explained of {} {} are unknown, because the mean of the values is so large that rounding \
-                 errors of the moments hide the residual; subtract a constant, such as the mean, from the values \
-                 and compute the moments again",
+                "the rms residual and explained share of {} {} are unknown, because the mean of the values is so large \
+                 that rounding errors of the moments hide the residual; subtract a constant, such as the mean, from \
+                 the values and compute the moments again",
                 if channels.len() == 1 { "channel" } else { "channels" },
                 channels.join(", ")
             ),
@@ -344,10 +344,10 @@ impl FitWarning {
         (noise > LARGEST_NOISE && gain < CLEAR_GAIN).then_some(Self::NoiseOfGaps { max_degree, noise, gain })
     }
 
-    /// Returns a warning if the weights are so uneven that a fit of the vertices loses the values of small weight. Some
-    /// function of the model's degree is zero at the K - 1 vertices of largest weight, with K the number of
-    /// coefficients. The normal matrix's condition number is therefore at least the ratio of the largest weight to the
-    /// sum of the other weights. Iterations that begin at zero don't reveal such functions.
+    /// Returns a warning if the weights are so uneven that a fit of the vertices loses the values at vertices of small
+    /// weight. Some function of the model's degree is zero at the K - 1 vertices of largest weight, with K the number
+    /// of coefficients. The normal matrix's condition number is therefore at least the ratio of the largest weight to
+    /// the sum of the other weights. Iterations that begin at zero don't reveal such functions.
     pub(crate) fn of_weights(weights: &[f64], max_degree: usize) -> Option<Self> {
         let functions = spharm_harmonics::basis_size(max_degree);
         if functions > weights.len() {

@@ -9,9 +9,9 @@ use spharm_surface::io::read_signal;
 use crate::Error;
 
 /// Weight of each vertex in the least squares. In a fit of the surface, the weight of a sample in a triangle is
-/// multiplied by a harmonic mean of the vertices' weights at the triangle's corners. In this mean, each corner has the
-/// same share as in the sample's value. A vertex of weight 0 is excluded, like a vertex outside of a mask: its value is
-/// never read and may be NaN, and a fit of the surface skips the triangles that have this vertex as a corner.
+/// multiplied by the harmonic mean of the weights at the triangle's corners. Each corner has the same share in this
+/// mean as in the sample's value. A vertex of weight 0 is excluded, like a vertex outside of a mask: its value is never
+/// read and may be NaN, and a fit of the surface skips the triangles that have this vertex as a corner.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
     /// The weight of each vertex is 1.

@@ -2,8 +2,8 @@
 //!
 //! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
 //! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix, a
-//! `FaultGuard` (`platform`) lets the process survive the second risk. On Windows, other processes can't write to or
-//! truncate a file while the store has it open. But the process ends if the disk fails while a file is mapped.
+//! `FaultGuard` (`platform`) lets the process survive access to a missing page. On Windows, other processes can't write
+//! to or truncate a file while the store has it open. But the process ends if the disk fails while a file is mapped.
 //!
 //! After a window has been used, [`Window::check`] returns an error if a page was missing or if the file's size or
 //! modification time has changed. Results computed from a window are valid only once this check has passed.
@@ -31,7 +31,7 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    /// Maps `len > 0` bytes from `offset` on; the offset need not be page-aligned.
+    /// Maps `len > 0` bytes starting at `offset`, which need not be page-aligned.
     pub(crate) fn new(source: &Source, offset: u64, len: usize) -> Result<Self, StoreError> {
         // SAFETY: the map is read-only and private to this type. The file may change or shrink while it is mapped. The
         // documentation of this module describes how this case is handled: bytes are only read as plain numbers, and

@@ -1,4 +1,4 @@
-//! Checks a study before its subjects are fitted, because fitting takes long.
+//! Checks a study before its subjects are fitted, because fitting takes a long time.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -158,7 +158,7 @@ fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<Vec<String>> {
 ///
 /// # Errors
 ///
-/// If too few subjects are left for a test, or none in a group.
+/// If too few subjects are left for a test, or a group has no subjects left.
 pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, String)]) -> Result<Vec<String>> {
     let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
     let (sizes, mut warnings) = (voxels::sizes(subjects)?, Vec::new());

@@ -92,8 +92,8 @@ impl Call<'_> {
         let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
         let Some(recorded) = self.recorded else { return finished };
-        // If subjects failed, this alone isn't a difference, because they may have failed in the recorded run, too. If
-        // they succeeded in the recorded run, the comparison reports their results as missing.
+        // Failed subjects alone don't make the results differ, because the subjects may have failed in the recorded
+        // run, too. If they succeeded in the recorded run, the comparison reports their results as missing.
         if let Err(error) = finished {
             self.console.warn(error);
         }

@@ -1,4 +1,5 @@
-//! Warns of fits with a sphere or mask of the other hemisphere. A fit gives the same warning, but only while it runs.
+//! Warns about fits with a sphere or mask of the other hemisphere. A fit gives the same warning, but only while it
+//! runs.
 
 use std::collections::HashSet;
 

@@ -9,7 +9,7 @@ pub(super) fn absolute(path: &Path) -> std::io::Result<PathBuf> {
 }
 
 /// Resolves the relative path `way` from the folder `place`. If the path resolved so far ends with a name, a `..` of
-/// `way` removes this name instead of being appended. No `..` of `way` therefore follows a name in the result, and a
+/// `way` removes this name instead of being appended. Therefore, no `..` of `way` follows a name in the result, and a
 /// repeated run uses the same paths as the first run.
 pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
     let mut path = place.to_owned();

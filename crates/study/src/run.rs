@@ -84,7 +84,7 @@ pub fn run(
         let fit = plan.fit(&fits, cli.shard, cli.force);
         parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     }
-    // Wrong values in the study's file are found before the fits, which take long.
+    // Find wrong values in the study's file before the fits, which take a long time.
     let planned = plan.stages(&plan.subjects_planned());
     for stage in &planned {
         parse(&call.arguments(stage)).with_context(|| format!("{}: {}", study.display(), stage.name))?;

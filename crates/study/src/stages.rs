@@ -22,7 +22,7 @@ use spharm_analysis::With;
 pub(super) const CHECK: &str = "check";
 
 impl Plan {
-    /// Returns the stage that runs the fits. It has no inputs and outputs, because `fit` itself determines which models
+    /// Returns the stage that runs the fits. It has no inputs or outputs, because `fit` itself determines which models
     /// are up to date.
     pub(super) fn fit(&self, fits: &Fits<'_>, shard: Option<Shard>, force: bool) -> Stage {
         let mut arguments = words(&["fit", "--manifest", &text(&fits.manifest.path), "--output", &text(&fits.models)]);

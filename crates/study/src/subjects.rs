@@ -45,7 +45,7 @@ pub(super) fn manifest(
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
     // Errors state the path of the user's table, because only ids can be wrong in the manifest `made`, and the ids come
-    // from the table. The lines of `made` have other numbers than those of the table.
+    // from the table. The line numbers of `made` differ from those of the table.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }

@@ -48,7 +48,7 @@ pub(super) fn damaged<'a>(
 
 /// Removes the models of subjects that were removed from the table, and of subjects whose files exist but can't be
 /// fitted. Returns the number of models removed. If a subject's file doesn't exist, the subject's model isn't part of
-/// the group but is kept, because the disk of the file may only be unmounted.
+/// the group but is kept, because the file's disk may merely be unmounted.
 pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
     let merged = fits.merged()?;
     let listed: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();

@@ -1,4 +1,4 @@
-//! Warns of tests whose levels have voxels of different sizes. Coarser voxels give rounder surfaces, so a difference
+//! Warns about tests whose levels have voxels of different sizes. Coarser voxels give rounder surfaces, so a difference
 //! between the levels may be caused by the voxels rather than by the subjects' shapes.
 
 use std::collections::HashMap;
@@ -13,11 +13,11 @@ use spharm_cohort::check::edges;
 
 use super::plan::Subject;
 
-/// Relative difference up to which voxel sizes are equal.
+/// Relative difference up to which voxel sizes count as equal.
 const EQUAL: f64 = 0.01;
 
-/// Voxel size of each subject whose surface is that of a label, by the subject's id. A voxel size consists of the edge
-/// lengths in ascending order.
+/// Voxel size of each subject whose surface was made from a label, by the subject's id. A voxel size consists of the
+/// edge lengths in ascending order.
 pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
 
 /// Reads the voxel sizes that the subjects' models record.

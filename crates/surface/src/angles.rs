@@ -40,7 +40,7 @@ struct Column {
     name: String,
     angle: Angle,
     degrees: bool,
-    /// Whether the unit is the default for the column's name, because the name has no suffix such as `_deg`.
+    /// Whether the column's name has no unit suffix such as `_deg`, so that the default unit for the name applies.
     usual: bool,
 }
 

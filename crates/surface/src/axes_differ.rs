@@ -15,8 +15,8 @@ pub struct AxesDiffer {
 }
 
 impl AxesDiffer {
-    /// Compares the axes that each member's file states, as returned by [`Meta::axes`](crate::Meta::axes). Members
-    /// whose files don't state their axes are ignored.
+    /// Compares the axes that the members' files state, as returned by [`Meta::axes`](crate::Meta::axes). Returns
+    /// `None` unless both LPS and RAS occur. Members whose files don't state their axes are ignored.
     #[must_use]
     pub fn of(stated: &[Option<Frame>]) -> Option<Self> {
         let with = |frame: Frame| (0..stated.len()).filter(|member| stated[*member] == Some(frame)).collect();
@@ -24,7 +24,7 @@ impl AxesDiffer {
         (!found.lps.is_empty() && !found.ras.is_empty()).then_some(found)
     }
 
-    /// Returns the message. `name` returns the name of the member with a given index.
+    /// Returns the text of the warning. `name` returns the name of the member with a given index.
     #[must_use]
     pub fn with_names(&self, name: impl Fn(usize) -> String) -> String {
         let list = |members: &[usize]| {
@@ -33,9 +33,9 @@ impl AxesDiffer {
             names.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
         };
         format!(
-            "the files of the surfaces state different axes: LPS for {}; RAS for {}. If positions, given poses or \
-             landmarks are compared, the two kinds are turned by 180 degrees to each other; convert all surfaces to the \
-             same axes",
+            "the files of the surfaces state different axes: LPS for {}; RAS for {}. LPS and RAS \
+             differ by a rotation of 180 degrees, which affects comparisons of positions, given poses and landmarks; \
+             convert all surfaces to the same axes",
             list(&self.lps),
             list(&self.ras)
         )

@@ -88,16 +88,16 @@ pub enum SurfaceError {
         found: String,
     },
 
-    /// The file uses a part of its format that isn't supported.
+    /// The file uses an unsupported feature of its format.
     #[error("{}: {format} with {found} is not supported: {remedy}", path.display())]
     Unsupported {
         /// Path of the file.
         path: PathBuf,
         /// The format that the file was read as.
         format: &'static str,
-        /// The unsupported part of the format.
+        /// The unsupported feature.
         found: String,
-        /// Advice on how to avoid the unsupported part.
+        /// Advice on how to avoid the unsupported feature.
         remedy: &'static str,
     },
 
@@ -113,7 +113,7 @@ pub enum SurfaceError {
     /// A surface is expected, but the file holds values on vertices.
     #[error(
         "{}: expected a surface, found values on {vertices} vertices ({channels} per vertex): \
-         give a surface file, such as .surf.gii, .obj or lh.pial; values need the sphere of their surface",
+         give a surface file, such as .surf.gii, .obj or lh.pial; to fit values, also give the sphere of their surface",
         path.display()
     )]
     NotAMesh {
@@ -269,7 +269,7 @@ pub enum SurfaceError {
         directions: usize,
         /// Index of the first direction that meets no triangle.
         first: usize,
-        /// Number of the sphere's triangles that are flipped or without area.
+        /// Number of the sphere's triangles that are flipped or have no area.
         flipped: usize,
     },
 

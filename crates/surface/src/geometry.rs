@@ -17,7 +17,7 @@ pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// Returns s a.
+/// Returns `a` multiplied by `s`.
 #[must_use]
 #[inline]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
@@ -91,7 +91,8 @@ pub fn diagonal((low, high): (Vec3, Vec3)) -> f64 {
 }
 
 /// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
-/// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
+/// counter-clockwise when seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983,
+/// eq. 8).
 ///
 /// The corners are unit vectors. The area depends on their determinant, which is computed from the triangle's edges, as
 /// `a . ((b - a) x (c - a))`. A determinant computed from the corners themselves would lose all digits in triangles
@@ -104,8 +105,8 @@ pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
 }
 
 /// Returns the orientation of a triangle, exact for the given coordinates: positive if its corners are
-/// counter-clockwise seen from outside a sphere around the origin, 0 if its plane contains the origin (J. Shewchuk,
-/// Discrete Comput. Geom. 18, 1997).
+/// counter-clockwise when seen from outside a sphere around the origin, 0 if its plane contains the origin
+/// (J. Shewchuk, Discrete Comput. Geom. 18, 1997).
 #[must_use]
 pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
     let coord = |[x, y, z]: Vec3| robust::Coord3D { x, y, z };
@@ -170,7 +171,7 @@ mod tests {
         })
     }
 
-    /// The area of a triangle of 1e-8 rad is half its determinant, up to a relative error of 1e-16.
+    /// The area of a triangle with edges of about 1e-8 rad is half its determinant, up to a relative error of 1e-16.
     #[test]
     fn cells_of_a_hundred_millionth_keep_their_digits() {
         let mut random = crate::generate::SplitMix64::new(3);
@@ -183,7 +184,8 @@ mod tests {
             let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let determinant = p[0] * normal[0] + p[1] * normal[1] + p[2] * normal[2];
             let exact = 0.5 * determinant as f64 * 2.0_f64.powi(-3 * 55);
-            // Slivers have a larger relative error, since rounding is relative to the product of the edges' lengths.
+            // Slivers have a larger relative error, since the rounding error is proportional to the product of the
+            // edges' lengths.
             let edges = (dot(sub(b, a), sub(b, a)) * dot(sub(c, a), sub(c, a))).sqrt();
             let found = solid_angle([a, b, c]);
             assert!((found - exact).abs() < 1e-12 * exact.abs().max(1e-3 * edges), "{found} {exact}");

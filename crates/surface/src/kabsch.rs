@@ -6,7 +6,7 @@
 //! d) V^T`, with the value `s_1 + s_2 + d s_3`. d is the sign of det M. If reflections are allowed, too, the trace is
 //! largest for `Q = U V^T`.
 //!
-//! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for rounding accuracy,
+//! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for machine precision,
 //! and small singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13,
 //! 1992).
 
@@ -76,8 +76,8 @@ fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
     }
     let first = unit(0);
     let second = if negligible(1) {
-        // Starts from the coordinate axis along which `first` has its smallest component, and removes its part along
-        // `first`.
+        // Starts from the coordinate axis along which `first` has its smallest component, and removes the axis's
+        // component along `first`.
         let least = (0..3).fold(0, |least, i| if first[i].abs() < first[least].abs() { i } else { least });
         let rest: [f64; 3] = std::array::from_fn(|i| (if i == least { 1.0 } else { 0.0 }) - first[least] * first[i]);
         let length = dot(rest, rest).sqrt();
@@ -118,7 +118,7 @@ pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
     let d = if mirror { d.abs() } else { d };
     let constant = e1 * e1 - 4.0 * e2;
     // Newton's iteration starts at sqrt(3) |M|, which is at least the sum of the singular values, s_1 + s_2 + s_3. From
-    // there it decreases monotonically to the root.
+    // there, x decreases monotonically to the root.
     let mut x = (3.0 * e1).sqrt();
     for _ in 0..60 {
         let square = x * x;

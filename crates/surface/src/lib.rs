@@ -17,9 +17,9 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), which writes every output; [`check_output`](io::check_output); [`landmarks`](io::landmarks) |
+//! | [`io`] | [`read_mesh`](io::read_mesh), [`read_signal`](io::read_signal), [`write_mesh`](io::write_mesh), one file per format; [`write_new`](io::write_new), through which every output file is written; [`check_output`](io::check_output); [`landmarks`](io::landmarks) |
 //! | [`topology`] | checks that a mesh is a closed surface of genus zero, and gives the reasons if it isn't |
-//! | [`generate`] | icospheres, and folded surfaces with known parameterisation |
+//! | [`generate`] | icospheres, and folded surfaces with a known parameterisation |
 //! | [`metrics`] | bounding-box scale, msd, xsd, distance between surfaces with different triangles, colour map |
 //! | [`nearest`], [`Place`] | the nearest point of a mesh; a point within a triangle |
 //! | [`repair`] | welds vertices, and drops triangles and vertices that belong to no closed surface |
@@ -30,7 +30,7 @@
 //! | [`locator`] | the triangle of a sphere that a direction meets, and interpolation there |
 //! | [`samples`] | samples of a sphere's triangles, for least squares over the whole surface |
 //! | [`pose`] | the motion that brings one surface onto another, or the members of a group onto each other |
-//! | [`kabsch`], [`matrix3`], [`Similarity`] | the best rotation of space; 3 x 3 matrices; similarities |
+//! | [`kabsch`], [`matrix3`], [`Similarity`] | the best-fitting rotation; 3 x 3 matrices; similarity transforms |
 //! | [`SpreadPoints`] | points spread evenly over a mesh's area |
 //!
 //! # Example

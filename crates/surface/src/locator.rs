@@ -118,8 +118,8 @@ impl SphereLocator {
         Ok(Self { tree, corners, inward, faces: sphere.faces.clone(), vertices, flipped })
     }
 
-    /// Returns the number of triangles that are wound against the majority or have no area. The number is 0 for a
-    /// one-to-one parameterisation.
+    /// Returns the number of triangles that have no area, or whose winding differs from that of the majority. The
+    /// number is 0 for a one-to-one parameterisation.
     #[must_use]
     pub fn flipped(&self) -> usize {
         self.flipped
@@ -296,7 +296,8 @@ mod tests {
             let mut random = SplitMix64::new(7);
             let (mut count, points) = (0_usize, 1000_usize);
             for k in 0..points {
-                // Tests vertices of the rim, points on edges of the rim and on other edges, and random points.
+                // The directions tested are vertices of the rim, points on edges of the rim and on other edges, and
+                // random directions.
                 let [a, b, c] = locator.corners[k * 29 % sides as usize];
                 let direction = match k % 10 {
                     0 => a,

@@ -40,7 +40,7 @@ impl Mesh {
     }
 }
 
-/// Metadata of a mesh's file, which are preserved from reading to writing.
+/// Metadata of a mesh's file. They are kept when the mesh is read and written again.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`. Workbench requires this entry.

@@ -14,11 +14,11 @@
 //!          a unit of time in brackets
 //! ```
 //!
-//! A field with a shape has the kind `V`: bytes without a meaning for the readers.
+//! A field with a shape has the kind `V`: the readers treat it as uninterpreted bytes.
 //!
-//! A string has either kind of quotation marks and no escapes. The grammar doesn't nest, so the parser never recurses.
-//! No memory is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1, and
-//! `numpy.lib.format`.
+//! A string is enclosed in single or double quotation marks, and has no escapes. The grammar doesn't nest, so the
+//! parser never recurses. No memory is allocated based on a number in the header. Source: NumPy Enhancement Proposal 1,
+//! and `numpy.lib.format`.
 
 use std::io::{self, Read};
 
@@ -93,7 +93,7 @@ impl Header {
         input.read_exact(&mut text)?;
         let text = String::from_utf8(text).map_err(|_| invalid("the header isn't UTF-8 text".to_owned()))?;
         let header = Parser { text: &text, rest: &text }.header();
-        let header = header.map_err(|problem| invalid(format!("the header is not understood: {problem}")))?;
+        let header = header.map_err(|problem| invalid(format!("the header can't be parsed: {problem}")))?;
         Ok(Self { start: (before + length) as u64, ..header })
     }
 
@@ -218,7 +218,7 @@ impl<'a> Parser<'a> {
     fn shape(&mut self) -> Result<Vec<usize>, String> {
         self.expect("(")?;
         let shape = self.items(")", Self::number)?;
-        if shape.len() <= MOST_AXES { Ok(shape) } else { Err(format!("more than {MOST_AXES} axes")) }
+        if shape.len() <= MOST_AXES { Ok(shape) } else { Err(format!("expected at most {MOST_AXES} axes, found more")) }
     }
 
     /// Parses items separated by commas, up to and including the closing token.

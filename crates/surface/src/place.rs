@@ -50,8 +50,8 @@ impl Place {
         (0..width).map(own).collect()
     }
 
-    /// Returns the row of the corner with the largest weight; of equal weights, the first. Unlike [`row`](Self::row),
-    /// this doesn't average, as labels require.
+    /// Returns the row of the corner with the largest weight, or of the first such corner in case of ties. Unlike
+    /// [`row`](Self::row), this function doesn't average, so it is suitable for labels.
     #[must_use]
     pub fn largest_row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let largest = (1..3).fold(0, |best, k| if self.shares[k] > self.shares[best] { k } else { best });

@@ -14,7 +14,8 @@ use crate::mesh::Mesh;
 /// millions of vertices then stays below 2^90, and transforms can multiply it by 2^930 without overflow.
 const SAFE: i32 = 30;
 
-/// Largest exponent of a power of two by which [`times`] multiplies at once. f64 can represent exponents up to 1023.
+/// Largest exponent of a power of two by which [`times`] multiplies in one step. f64 can represent exponents up to
+/// 1023.
 const STEP: i32 = 1000;
 
 /// Returns the exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. e is even, so

@@ -36,9 +36,9 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Returns the largest plausible size of the contents of a file with `compressed` bytes. Numbers of surfaces and text
-/// can be compressed two- to tenfold. Constant values can be compressed up to a thousandfold, but files contain few
-/// constant values.
+/// Returns the largest plausible size of the contents of a file with `compressed` bytes. Text, and the numbers in
+/// surface files, can be compressed two- to tenfold. Constant values can be compressed up to a thousandfold, but files
+/// contain few constant values.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)

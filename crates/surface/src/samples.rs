@@ -38,7 +38,7 @@ use self::cut::Cut;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale};
 
-/// Size of the cells for models of degree L, in radians, multiplied by L. docs/algorithms/least-squares.md gives the
+/// Size of the cells, in radians, times the degree L of the models. docs/algorithms/least-squares.md gives the
 /// resulting error.
 const CELLS_OF_DEGREE: f64 = 3.0;
 

@@ -1,4 +1,4 @@
-//! Represents similarities of space: rotation or reflection, scaling and translation.
+//! Represents similarity transforms of space: a rotation or reflection, a scaling and a translation.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use crate::hemisphere::Hemisphere;
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, times, transposed};
 use crate::mesh::Mesh;
 
-/// A similarity of space: `x -> scale Q x + translation`.
+/// A similarity transform of space: `x -> scale Q x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Similarity {
     /// Q, by rows: a rotation, or a reflection if one was requested.
@@ -80,8 +80,8 @@ impl Similarity {
 
     /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
     /// face outwards, and exchanges left and right in the anatomical structure. Unless the similarity is the identity,
-    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid. A rotation also
-    /// drops the axes that the file states.
+    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid. A rotation or
+    /// reflection also drops the axes that the file states.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());

@@ -48,7 +48,7 @@ impl Node {
     }
 }
 
-/// Bound of the rounding errors of points and boxes inside the unit sphere, with a margin.
+/// Bound on the rounding errors of points and boxes inside the unit sphere, with a margin.
 const ROUNDING: f64 = 1e-14;
 
 impl Node {
@@ -182,9 +182,9 @@ impl SliverTree {
         }
     }
 
-    /// Returns the triangle for which `distance` returns the smallest distance, together with the result of
-    /// `distance`; `None` if there are no triangles. `distance` must not return less than the distance from the point
-    /// to the triangle.
+    /// Returns the triangle for which `distance` returns the smallest distance, together with the value that `distance`
+    /// returned for it; `None` if there are no triangles. `distance` must not return less than the distance from the
+    /// point to the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
         // Nodes are visited in order of their bounds. In another order, the search for a point next to a fan of

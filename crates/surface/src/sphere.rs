@@ -150,7 +150,7 @@ impl Sphere {
         mesh
     }
 
-    /// Returns the hemisphere of the brain to which the sphere belongs, by its metadata or its file's name.
+    /// Returns the hemisphere of the brain to which the sphere belongs, according to its metadata or its file's name.
     #[must_use]
     pub fn hemisphere(&self) -> Option<Hemisphere> {
         Hemisphere::of(self.anatomical_structure.as_deref(), self.path.as_deref())

@@ -51,7 +51,7 @@ pub enum TargetWarning {
         /// The mask's hemisphere.
         of: Hemisphere,
     },
-    /// A column of a table has row numbers and was left out. This is a note, see [`is_note`](Self::is_note).
+    /// A column of a table contains row numbers and was left out. This is a note, see [`is_note`](Self::is_note).
     IndexColumn {
         /// Name of the column.
         name: String,
@@ -112,8 +112,8 @@ impl fmt::Display for TargetWarning {
 }
 
 impl TargetWarning {
-    /// Returns the warning that a target of the hemisphere `own` has a mask of the other hemisphere, by the name of the
-    /// mask's file.
+    /// Returns a warning if the target belongs to the hemisphere `own`, and the mask belongs to the other hemisphere
+    /// according to its file's name.
     #[must_use]
     pub fn of_mask(own: Option<Hemisphere>, mask: &Path) -> Option<Self> {
         let (target, of) = (own?, Hemisphere::of(None, Some(mask))?);
@@ -215,8 +215,8 @@ impl Target {
         Err(SurfaceError::NonFinite { path, vertex: i / channels, value })
     }
 
-    /// Adds a warning if a mask of the vertices belongs to the other hemisphere, by its file's name. If the target's
-    /// own hemisphere is unknown, the sphere's hemisphere is used.
+    /// Adds a warning if a mask of the vertices belongs to the other hemisphere, according to its file's name. If the
+    /// target's own hemisphere is unknown, the sphere's hemisphere is used.
     pub fn check_mask(&mut self, mask: &Path, sphere: &Sphere) {
         let own = Hemisphere::of(self.meta.anatomical_structure_primary.as_deref(), self.path.as_deref());
         self.warnings.extend(TargetWarning::of_mask(own.or_else(|| sphere.hemisphere()), mask));

@@ -9,8 +9,8 @@
 //! syntheses](crate::Transform::adjoint_synthesis): the weight w to the grid of degree 2L, and the product w f to the
 //! grid of degree L. The grids are converted to coefficients once, at the end. The second grid consists of every second
 //! point of the first in either direction, so that samples are placed and sorted once for both grids. Samples are
-//! gathered in *blocks* that fit in the cache, and each block is sorted by strip of the grids. Once enough samples have
-//! been gathered, all samples of a strip are spread together.
+//! gathered in *blocks* that fit in the cache, and each block is sorted by *strip*, a run of grid rows. Once enough
+//! samples have been gathered, all samples of a strip are spread together.
 //!
 //! Memory: the grids take `4 M^2 + c M^2` bytes for c channels and a fine grid of M points around the sphere, with M
 //! from 2.4 to 5.6 times 2L. Up to 8 million samples are held, with `32 + 8 c` bytes each. At the end, spectra take
@@ -56,7 +56,7 @@ pub struct Accumulator {
     kernels: [Kernel; 2],
     /// The grid of the weights and the grid of the weighted values.
     grids: [Vec<f64>; 2],
-    /// Blocks of samples: first `full` blocks that haven't been spread to the grids yet, then blocks that can be
+    /// Blocks of samples. The first `full` of them haven't been spread to the grids yet; the remaining blocks can be
     /// refilled.
     blocks: Vec<Block>,
     full: usize,

@@ -151,7 +151,7 @@ mod tests {
     #[test]
     fn positions_in_cells_are_those_of_the_angle_to_rounding() {
         // The grid has 2^20 points around the sphere. The tolerance covers the rounding errors of the expected angle
-        // and of the arctangent that `place` computes, which is at most a sixteenth of the circle.
+        // and of the arctangent that `place` computes. This arctangent is at most a sixteenth of the circle.
         let grid = 1 << 20;
         for i in 0..2_000 {
             let t = (f64::from(i) - 1000.0) / 1000.0;

@@ -11,8 +11,9 @@ use crate::{FINEST, Transform, TransformError, TransformParams};
 /// milliseconds.
 const DIRECT: usize = 3_000_000;
 
-/// Smaller coefficients may lose digits by underflow in a transform, because a transform multiplies coefficients by
-/// Legendre functions that were divided by 2^930.
+/// If a function's largest coefficient is below this value, the coefficients are scaled up before a transform.
+/// Otherwise they might lose digits by underflow, because a transform multiplies coefficients by Legendre functions
+/// that were divided by 2^930.
 const SAFE: f64 = power(-40);
 
 /// Evaluates the c functions with the canonical `coefficients` (K, c) at n directions, and returns the samples (n, c).

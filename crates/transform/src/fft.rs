@@ -1,5 +1,5 @@
-//! Plans complex Fourier transforms by rustfft, for other crates. The planner of rustfft is generic, so each crate that
-//! calls the planner directly would contain a further copy of its code.
+//! Plans complex Fourier transforms with rustfft, for other crates. The planner of rustfft is generic, so each crate
+//! that calls the planner directly would contain another copy of its code.
 
 use std::sync::Arc;
 

@@ -8,8 +8,8 @@
 //! are added before a complex transform, and separated by symmetry afterwards. Two orders of a channel take one
 //! transform of length 2 N and one transform of length M.
 //!
-//! Along azimuth, the function `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is a Fourier transform from complex to
-//! real numbers. The coefficients of order m have already been divided by the transform `p_m` of the
+//! Along azimuth, the function `f = Re sum_m (F_m^cos - i F_m^sin) e^{i m phi}` is computed by a Fourier transform from
+//! complex to real numbers. The coefficients of order m have already been divided by the transform `p_m` of the
 //! [kernel](crate::kernel).
 //!
 //! Cost per channel: `5 (L + 1) N log2(2 N) + 2.5 (L + 1) M log2 M + 1.25 M^2 log2 M` flops.
@@ -25,8 +25,8 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Number of grid rows gathered together, because neighbouring rows of one order are close in memory, whereas the
-/// orders of one row are far apart.
+/// Number of grid rows that are gathered together. For a single order, the values of neighbouring rows are close in
+/// memory, whereas the values of different orders of one row are far apart.
 const ROWS: usize = 8;
 /// Number of pairs, of an even order and the odd order after it, that [`Fourier::grid_to_circles`] processes together.
 const PAIRS: usize = 4;
@@ -201,7 +201,7 @@ impl Fourier {
                         spectrum[0].im = 0.0;
                         let line = &mut rows[layout.line(i, channel)];
                         let done = self.to_reals.process_with_scratch(spectrum, line, &mut work.scratch);
-                        debug_assert!(done.is_ok(), "the sizes match, and the first and last coefficients are real");
+                        debug_assert!(done.is_ok(), "expected matching sizes, and real first and last coefficients");
                     }
                 }
             },
@@ -227,7 +227,7 @@ impl Fourier {
                         let line = &mut rows[layout.line(i, channel)];
                         let full = &mut work.spectra[..m / 2 + 1];
                         let done = self.from_reals.process_with_scratch(line, full, &mut work.scratch);
-                        debug_assert!(done.is_ok(), "the sizes match those of the transform");
+                        debug_assert!(done.is_ok(), "expected the sizes of the transform");
                         for (out, value) in spectrum.iter_mut().zip(full) {
                             *out = value.conj();
                         }

@@ -65,8 +65,8 @@ use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Number of pairs (l', m') per task. Every task reads the whole Legendre table, so tasks must not be small. On the
-/// other hand, all threads need tasks.
+/// Number of pairs (l', m') per task. Every task reads the whole Legendre table, so tasks must not be too small, but
+/// there must be enough tasks for all threads.
 const TASK: usize = 32;
 /// Number of columns and of rows of the tiles in which the matrix is mirrored. A tile takes 32 kB, which fits in the L1
 /// cache.
@@ -95,7 +95,7 @@ impl MomentGram {
         Ok(Self { measure: Measure::new(max_degree, moments)? })
     }
 
-    /// Returns the size of the tables for a degree in bytes, about `4 (L + 1)^3 + 768 (L + 1)^2`. During computation
+    /// Returns the size in bytes of the tables for degree L, about `4 (L + 1)^3 + 768 (L + 1)^2`. During computation
     /// each thread needs about 1 MiB more.
     pub const fn bytes(max_degree: usize) -> usize {
         Measure::bytes(max_degree)
@@ -153,7 +153,7 @@ impl MomentGram {
     /// diagonal.
     fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
         let size = self.size();
-        assert!(rows.end <= size && columns.end <= size, "rows {rows:?} and columns {columns:?} must be below {size}");
+        assert!(rows.end <= size && columns.end <= size, "rows {rows:?} and columns {columns:?} must lie in 0..{size}");
         if rows.is_empty() || columns.is_empty() {
             return;
         }

@@ -53,7 +53,7 @@ impl Layout {
 
     /// Returns the number of values of the grid, with margins.
     pub(crate) fn len(&self) -> usize {
-        // The additional row lets a slice as long as a row start at any column of the last row.
+        // With the additional row, a slice of the length of a row can start at any column of the last row.
         (self.core_rows().next_multiple_of(self.strip) + self.strip + 1) * self.row()
     }
 

@@ -33,7 +33,7 @@ pub(crate) struct Gridding {
 }
 
 impl Gridding {
-    /// Chooses the cheapest gridding for `directions` directions at a relative accuracy.
+    /// Chooses the cheapest gridding for `directions` directions that reaches the relative `accuracy`.
     pub(crate) fn choose(max_degree: usize, directions: usize, accuracy: f64) -> Result<Self, TransformError> {
         // The condition also rejects NaN.
         if !(FINEST..=COARSEST).contains(&accuracy) {
@@ -67,7 +67,7 @@ impl Gridding {
         Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
     }
 
-    /// Estimates the time of one thread per channel in nanoseconds. The constants were measured.
+    /// Estimates the time in nanoseconds that one thread takes per channel. The constants were measured.
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
         let fourier = m * m.log2() * (l / 2.0 + m / 4.0);

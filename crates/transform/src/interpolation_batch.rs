@@ -180,7 +180,7 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    // The last of the grid rows under a kernel may end early, with the strip's grid. `chunks_mut` still returns this
+    // The last grid row under a kernel may be cut short by the end of the strip's grid. `chunks_mut` still returns this
     // shorter row.
     let rows = grid[start..].chunks_mut(layout.row());
     for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
@@ -199,7 +199,8 @@ mod tests {
     use super::*;
     use crate::kernel::MAX_WIDTH;
 
-    /// Compares points of three cells, in runs of one to nine points, with each point by itself.
+    /// Compares the results for points of three cells, in runs of one to nine points, with the results for each point
+    /// by itself.
     #[test]
     fn points_of_a_cell_are_as_points_by_themselves() {
         for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {

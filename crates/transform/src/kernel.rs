@@ -64,8 +64,8 @@ impl Kernel {
             .collect();
         let rest =
             |degree: usize| pieces.iter().map(|c| c[degree + 1..].iter().map(|c| c.abs()).sum()).fold(0.0, f64::max);
-        // Division by the kernel's transform magnifies the errors of the polynomials that approximate the kernel by the
-        // same factor as rounding errors.
+        // Division by the kernel's transform magnifies the polynomials' approximation errors by the same factor as
+        // rounding errors.
         let enough = 0.1 * accuracy / magnification(width, max_degree, grid).max(1.0);
         let degree = (2..NODES - 1).find(|&degree| rest(degree) < enough).unwrap_or(NODES - 1);
         let mut coefficients = vec![[0.0; MAX_WIDTH]; degree + 1];
@@ -170,7 +170,7 @@ pub(crate) fn aliasing(width: usize, max_degree: usize, grid: usize) -> f64 {
 }
 
 /// Returns the factor by which the grid's rounding errors are magnified when the spectrum is divided by the kernel's
-/// Fourier transform, which is smallest at frequency L.
+/// Fourier transform. The magnification is largest at frequency L, where the transform is smallest.
 pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64 {
     let beta = shape_parameter(width, max_degree, grid);
     transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
@@ -236,8 +236,8 @@ mod tests {
                         .map(|j| values[0][j] * angle((first + j as isize) as f64 - 31.0 - fraction).cos())
                         .sum();
                     let error = (sum / kernel.transform(k, grid) - 1.0).abs();
-                    // The bound is the root mean square over positions. The error at the worst position is sqrt 2
-                    // times as large, plus further terms.
+                    // `bound` is the root mean square of the error over all positions in a cell. The error at the worst
+                    // position is sqrt 2 times as large, plus further terms.
                     assert!(
                         error < 3.0 * bound + 4e-15 * magnification(width, max_degree, grid),
                         "{width} {grid} {k}: {error:e} {bound:e}"

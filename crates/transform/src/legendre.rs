@@ -74,8 +74,9 @@ pub(crate) struct Legendre {
 }
 
 impl Legendre {
-    /// Prepares the transforms for rings from the north pole to the equator at most. `angles` (rings, 2) are the
-    /// cosines and sines of their colatitudes. Values of `P_{l,m}` below `negligible` need not be computed.
+    /// Prepares the transforms for rings of the northern hemisphere, in order from the pole; the last ring may be the
+    /// equator. `angles` (rings, 2) are the cosines and sines of their colatitudes. Values of `P_{l,m}` below
+    /// `negligible` need not be computed.
     pub(crate) fn new(recurrence: &MonicRecurrence, angles: &[[f64; 2]], negligible: f64) -> Self {
         let max_degree = recurrence.max_degree();
         let rings = angles.len().next_multiple_of(LANES);
@@ -184,8 +185,8 @@ impl Legendre {
         }
     }
 
-    /// Brings coefficients sorted by order, for each m an array (L + 1 - m, 2 c), row-major, into canonical order (K,
-    /// c).
+    /// Brings coefficients that are sorted by order into canonical order, and writes them to `out` (K, c). For each m,
+    /// `by_order` contains a row-major array (L + 1 - m, 2 c).
     pub(crate) fn to_canonical(&self, by_order: &[f64], mut out: ArrayViewMut2<'_, f64>) {
         let columns = 2 * out.ncols();
         out.axis_chunks_iter_mut(Axis(0), RUN).into_par_iter().enumerate().for_each(|(run, mut rows)| {

@@ -50,7 +50,7 @@ const TOGETHER: usize = 128;
 /// are read more often.
 const CHANNELS: usize = 32;
 
-/// Number of elements whose squares are summed together.
+/// Number of elements (triangles) whose samples' squares are summed by one task.
 const ELEMENTS: usize = 4096;
 
 /// Collects the samples of a [`NodalSums`].

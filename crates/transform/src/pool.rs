@@ -3,8 +3,8 @@
 use std::sync::{Mutex, PoisonError};
 
 /// A pool of values for reuse. The number of values in the pool is the largest number that has been in use at the same
-/// time. Reuse is faster than allocation, because the first access to a page of memory costs more than writing to the
-/// page.
+/// time. Reuse is faster than allocation, because the first access to a newly allocated page of memory costs more than
+/// writing to the page.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 

@@ -11,7 +11,7 @@ use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
 /// Whether to process 16 rings at once in sums, and two rows at once in the transposed sums. On ARM64, each of the 32
-/// registers has only two numbers, so the registers hold the sums of only half as many rings or rows. With more rings
+/// registers holds only two numbers, so the registers hold the sums of only half as many rings or rows. With more rings
 /// or rows, a sixth of the instructions would move sums to memory and back.
 const WIDE: bool = cfg!(not(target_arch = "aarch64"));
 
@@ -81,7 +81,7 @@ pub(crate) fn pair_sums(
     }
 }
 
-/// Computes the sums of all rings; the columns are divided evenly among the arrays `out`.
+/// Computes the sums on all rings; the columns are divided evenly among the arrays `out`.
 #[inline(always)]
 fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
     rows: Rows<'_>,

@@ -226,8 +226,8 @@ impl Transform {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
         self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
             let (count, length) = self.group(&block);
-            // Each task sorts one run of samples, for all groups of channels. Collect the memory of each run from all
-            // groups.
+            // Each task sorts one run of samples, for all groups of channels. Collect, for each run, its parts of the
+            // groups' memory.
             let mut runs: Vec<Vec<&mut [f64]>> = self.points.order().chunks(RUN).map(|_| Vec::new()).collect();
             for sorted in space.samples.chunks_exact_mut(length.max(1)) {
                 runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));

@@ -142,7 +142,7 @@ fn added(
         same_file || member.report.same_surface(&found.report)
     };
     let same = existing.iter().find(is_same).map(|member| format!("{IDENTICAL_TO}{}", member.name));
-    // No name of another member is needed here: only warnings about equal members of a new group contain such a name.
+    // `of_member` needs no names of other members here: only warnings about equal members of a new group contain them.
     let others = found.warnings.iter().map(|of| of.of_member(|_| String::new()));
     let of_member: Vec<String> = same.into_iter().chain(others).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();

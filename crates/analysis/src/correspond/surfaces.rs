@@ -38,7 +38,8 @@ pub(crate) struct Surface {
     pub(crate) mirrored: bool,
     /// Files of signals on the surface's vertices.
     pub(crate) signals: Vec<PathBuf>,
-    /// Surface of a label and the doubts about its volume, kept in memory because making the surface takes long.
+    /// Surface of a label, and doubts about the voxel size and position of its volume; kept in memory because making
+    /// the surface takes a long time.
     of_label: OnceLock<(Mesh, Vec<VolumeDoubt>)>,
 }
 

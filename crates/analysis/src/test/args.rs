@@ -140,9 +140,9 @@ pub(crate) struct Cli {
     /// Column of the table in which equal values mark rows that depend on each other, such as visits of a subject or
     /// members of a family
     ///
-    /// These rows form a block, and relabellings stay within blocks. With an effect within blocks and the blocks as a
-    /// categorical covariate, the test is the paired test or the test of repeated measurements. The test assumes that
-    /// the effect is equal in all blocks. If the effect may differ between blocks, as a rate of growth may, compute one
+    /// These rows form a block, and relabellings stay within blocks. With an effect that varies within blocks and the
+    /// blocks as a categorical covariate, the test is a paired or repeated-measures test. The test assumes that the
+    /// effect is equal in all blocks. If the effect may differ between blocks, as a rate of growth may, compute one
     /// slope or difference for each block and test these values.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,

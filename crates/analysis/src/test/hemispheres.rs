@@ -1,4 +1,4 @@
-//! Warns of models, and of files on the sampling's vertices, that belong to different hemispheres.
+//! Warns about models, and about files on the sampling's vertices, that belong to different hemispheres.
 
 use std::path::PathBuf;
 

@@ -10,10 +10,10 @@ use spharm_surface::Hemisphere;
 
 /// Largest number of pairs that the warning names.
 const NAMED: usize = 3;
-/// Largest number of parts of a path, from its end, that are compared: the name of the file, and two folders.
+/// Maximum number of path components, counted from the end, that are compared: the file's name and two folders.
 const PARTS: usize = 3;
 
-/// Pairs that join different subjects, by the names of their models.
+/// Pairs that join different subjects, judging by the names of their models.
 #[derive(Debug)]
 pub(super) struct SubjectsDiffer {
     pairs: Vec<[PathBuf; 2]>,
@@ -23,8 +23,8 @@ pub(super) struct SubjectsDiffer {
 impl SubjectsDiffer {
     /// Compares the two names of each pair, without the parts that state the side. A pair joins different subjects if
     /// its two names differ, and one of these names also occurs on the other side of another pair. File names that
-    /// aren't unique are compared together with the names of their folders. If the names aren't unique with their
-    /// folders either, the file names alone are compared, including the parts that state the side.
+    /// aren't unique are compared together with the names of their folders. If the names aren't unique even with their
+    /// folders, the file names alone are compared, including the parts that state the side.
     pub(super) fn of(first: &[PathBuf], second: &[PathBuf]) -> Option<Self> {
         let unique = |names: &[String]| names.iter().collect::<HashSet<_>>().len() == names.len();
         let named = |parts: usize| [first, second].map(|paths| subjects(paths, parts));
@@ -45,9 +45,9 @@ impl fmt::Display for SubjectsDiffer {
             self.pairs.iter().map(|[a, b]| format!("{} with {}", a.display(), b.display())).collect();
         write!(
             f,
-            "{} of {} seem to join different subjects, by the names of the models: {}; unless these pairs are meant, \
-             as for matched subjects, list the same subjects in the same order for both models of a pair, and leave out \
-             subjects with only one model",
+            "{} of {} seem to join different subjects, judging by the names of the models: {}; unless these pairs are \
+             intended, as for matched subjects, list the same subjects in the same order for both models of a pair, \
+             and leave out subjects with only one model",
             self.pairs.len(),
             counted(self.of, "pair"),
             first_of(named.iter().map(String::as_str), NAMED)

@@ -10,7 +10,7 @@ use spharm::{Error, Interrupted, ModelError, SurfaceError};
 use crate::CohortError;
 use crate::rerun::Refusal;
 
-/// Errors of a row, or of all rows.
+/// Errors that affect one row or all rows.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RunError {

@@ -131,8 +131,8 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
-                "{name}: the model ranges from {least:.4} to {most:.4} at excluded vertices, but only from {low:.4} to \
-                 {high:.4} at the others, because the data don't determine the model there; this affects means, modes \
+                "{name}: the model ranges from {least:.4} to {most:.4} at excluded vertices, where the data don't \
+                 determine it, but only from {low:.4} to {high:.4} at the other vertices; this affects means, modes \
                  and maps of whole models: lower the degree or set a smoothness"
             )));
         }

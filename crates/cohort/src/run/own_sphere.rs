@@ -1,6 +1,6 @@
 //! Fits surfaces that are given without a sphere, each over a sphere computed for it.
 //!
-//! Mapping and fitting a small surface, such as one of a label, is hardly faster with several threads than with one.
+//! Mapping and fitting a small surface, such as that of a label, is hardly faster with several threads than with one.
 //! Therefore several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces
 //! that need more memory are processed one after another, with the whole budget.
 
@@ -22,8 +22,8 @@ use crate::files::{MadeOf, Mapped};
 const PER_THREAD: usize = 8;
 
 impl Work<'_> {
-    /// Maps each surface of a group to a separate sphere, writes the sphere beside the model, and fits the surface
-    /// over it. Calls `step` with the number of finished rows.
+    /// Maps each surface of a group to a separate sphere, writes the sphere beside the model, and fits the surface over
+    /// it. Calls `step(1)` whenever a row is finished.
     pub(super) fn on_their_own(
         &self,
         group: &Group,
@@ -55,7 +55,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Processes one row, within a share of the memory if one is given. Returns false if the share didn't suffice, and
+    /// Processes one row, within a share of the memory if one is given. Returns false if the share didn't suffice and
     /// the row still has to be processed.
     fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
         self.monitor.check()?;
@@ -154,7 +154,7 @@ impl Work<'_> {
             Error::Surface(SurfaceError::OutputExists { .. }) => {
                 let model = item.files.model.display();
                 let context =
-                    format!("{model}: a file beside this model exists, perhaps of another process that fits it");
+                    format!("{model}: a file beside this model exists, perhaps from another process fitting it");
                 RunError::from(error).of(context)
             }
             error => RunError::from(error).of(&item.record),

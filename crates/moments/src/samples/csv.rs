@@ -134,8 +134,8 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
 
 /// Reads the beginning of a table. Returns the names of the columns, the separator, and the number of bytes before the
 /// first row. The names are taken from the header, or from a comment just before the first row, because `numpy.savetxt`
-/// writes a header as a comment. Without a header, the names are the columns' indices from 0, which may also be the
-/// header ([`are_places`]).
+/// writes a header as a comment. Without a header, the names are the columns' indices from 0. A first line that
+/// consists of just these indices is treated as a header ([`are_places`]).
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
     let mut comment = Vec::new();

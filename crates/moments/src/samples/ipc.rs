@@ -19,7 +19,7 @@ use spharm_surface::io::{check_room, most_expanded};
 const TAIL: usize = 10;
 /// Marker before the length of a message's metadata; files in an older version of the format lack it.
 const MARK: [u8; 4] = [0xff; 4];
-/// A buffer may have this many bytes more than 8 per row, because Arrow pads buffers.
+/// Number of bytes that a buffer may have in addition to 8 per row, because Arrow pads buffers.
 const PADDING: u64 = 64;
 /// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
 /// run of 255 bytes in one byte.
@@ -53,7 +53,7 @@ pub(super) fn contents(file: &File, bytes: u64) -> Result<Contents, String> {
     let footer = root_as_footer(&footer).map_err(|error| error.to_string())?;
     let schema = footer.schema().ok_or("a footer without columns")?;
     if !schema.endianness().equals_to_target_endianness() {
-        return Err("numbers in the byte order of another kind of processor".to_owned());
+        return Err("numbers whose byte order (endianness) isn't this processor's".to_owned());
     }
     let schema = try_fb_to_schema(schema).map_err(|error| error.to_string())?;
     let mut blocks = Vec::new();

@@ -12,8 +12,8 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use ::parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes that a page may have in addition to 9 bytes per row. The 9 bytes are a number of at most 64 bits, and its
-/// repetition and definition levels.
+/// Number of bytes that a page may have in addition to 9 bytes per row. The 9 bytes are a number of at most 64 bits,
+/// and its repetition and definition levels.
 const PADDING: u64 = 1 << 10;
 /// Largest accepted nesting depth of structures in a header; the format itself uses three levels.
 const DEPTH: usize = 8;
@@ -133,7 +133,7 @@ impl<R: Read> Compact<R> {
                 }
             };
             if kind != I32 {
-                return Err(invalid("a size that is not an integer"));
+                return Err(invalid("a size that isn't an integer"));
             }
             *place = self.integer()?;
             if let Some(found) = found.get_mut(field as usize - 1) {
@@ -202,13 +202,13 @@ impl<R: Read> Compact<R> {
     fn pass(&mut self, bytes: u64) -> io::Result<()> {
         let passed = io::copy(&mut self.input.by_ref().take(bytes), &mut io::sink())?;
         self.read += passed;
-        if passed == bytes { Ok(()) } else { Err(invalid("the end of the column")) }
+        if passed == bytes { Ok(()) } else { Err(invalid("the header runs past the end of the column")) }
     }
 
     /// Skips the value of a field of type `kind`.
     fn skip(&mut self, kind: u8, depth: usize) -> io::Result<()> {
         if depth == 0 {
-            return Err(invalid("structures within structures"));
+            return Err(invalid("structures that are nested too deeply"));
         }
         match kind {
             TRUE | FALSE => Ok(()),

@@ -178,15 +178,15 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
 /// Solves a symmetric linear system. The matrix is a list of entries `([row, column], value)`; entries at the same
 /// place are summed.
 fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, ParametrizeError> {
-    // These systems are always solvable, so an error here is a defect of this program.
+    // These systems are always solvable, so an error here is a bug in this program.
     let failed = |found: &str| ParametrizeError::Argument {
         what: "linear system of the method equal-area",
-        expected: "a positive definite matrix that fits into memory",
+        expected: "a positive definite matrix that fits in memory",
         found: found.to_owned(),
     };
     let n = right.len();
     let (places, values): (Vec<[usize; 2]>, Vec<f64>) = matrix.iter().copied().unzip();
-    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("a matrix too large for the memory"))?;
+    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("a matrix that is too large for memory"))?;
     let factor = pattern.factor(&values).ok_or_else(|| failed("a matrix that isn't positive definite"))?;
     factor.solve(MatMut::from_column_major_slice_mut(&mut right, n, 1));
     Ok(right)

@@ -17,12 +17,12 @@
 //!
 //! > L = sum w_ij |x_i - x_j|^2 / 2a + sum_q (m_q c_q + rho/2 c_q^2) + kappa/2 sum max(0, S0 - s)^2,
 //!
-//! Here a is the mean target area, c_q = A_q / a_q - 1 the relative error of a quadrangle's area, m_q the multiplier of
-//! its constraint, and rho and kappa are the weights of the penalties on areas and on angles. After the minimisation,
-//! m_q is increased by rho c_q, and rho is doubled if the largest |c_q| hasn't halved. A round takes up to five
-//! Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a sparse positive definite system
-//! with 2 unknowns per vertex and a pattern that is analysed once (Cholesky). A step is taken only if L decreases. The
-//! penalty on angles is finite, so a map with folds has a finite L and can unfold.
+//! where a is the mean target area, c_q = A_q / a_q - 1 the relative error of a quadrangle's area, m_q the multiplier
+//! of its constraint, and rho and kappa are the weights of the penalties on areas and on angles. After the
+//! minimisation, m_q is increased by rho c_q, and rho is doubled if the largest |c_q| hasn't halved. A round takes up
+//! to five Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a sparse positive definite
+//! system with 2 unknowns per vertex and a pattern that is analysed once (Cholesky). A step is taken only if L
+//! decreases. The penalty on angles is finite, so a map with folds has a finite L and can unfold.
 //!
 //! # Cost
 //!
@@ -46,17 +46,17 @@ const KAPPA: (f64, f64) = (20.0, 1e4);
 const RHO: (f64, f64) = (1.0, 1e3);
 /// Largest number of Gauss-Newton steps per round.
 const STEPS: usize = 5;
-/// From this number of vertices on, the factorisation runs on its own thread, so that it can be interrupted.
+/// With at least this number of vertices, the factorisation runs on its own thread, so that it can be interrupted.
 const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// The optimisation hasn't converged while the area of a quadrangle differs from its target by more than this
-    /// fraction. Default 1e-3.
+    /// Largest relative deviation of a quadrangle's area from its target at which the optimisation counts as converged.
+    /// Default 1e-3.
     pub tolerance: f64,
-    /// The optimisation hasn't converged while a round changes the sum of squared edge lengths by more than this
-    /// fraction. Default 1e-3.
+    /// Largest relative change of the sum of squared edge lengths in a round at which the optimisation counts as
+    /// converged. Default 1e-3.
     pub change: f64,
     /// Largest number of rounds, of up to five steps each. Default 100.
     pub rounds: usize,

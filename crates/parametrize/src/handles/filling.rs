@@ -42,7 +42,7 @@ pub(super) struct Filling {
 }
 
 impl Rim<'_> {
-    /// Fills the sides that have vertices; new vertices get indices from `first` on.
+    /// Fills the sides that have vertices; the indices of new vertices start at `first`.
     pub(super) fn fill(&self, first: u32, monitor: &dyn Monitor) -> Result<Filling, Interrupted> {
         let count = self.places.len();
         let lengths: Vec<f64> = (0..count).map(|i| norm(sub(self.places[(i + 1) % count], self.places[i]))).collect();

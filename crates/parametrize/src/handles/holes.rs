@@ -16,8 +16,8 @@ use crate::geometry::{Vec3, area};
 pub const LARGEST_HOLE: usize = 500;
 
 /// A hole is filled by the triangulation of its rim if the area of the smooth filling exceeds this multiple of the
-/// triangulation's area. A dome over a round hole has at most twice the rim's area. The smooth filling of a slit can be
-/// much larger, because it folds over the surface next to the slit or bridges the slit's bends.
+/// triangulation's area. A dome over a round hole has at most twice the hole's area. The smooth filling of a slit can
+/// be much larger, because it folds over the surface next to the slit or bridges the slit's bends.
 const LARGEST_DOME: f64 = 3.0;
 
 /// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left. If the mesh is then closed and wound
@@ -63,8 +63,9 @@ pub fn fill_holes(
     Ok(open)
 }
 
-/// Triangulates a rim without new vertices; if the hole is a slit, the triangles form a strip. Edges of the mesh aren't
-/// used inside the rim, since more than two triangles would meet there. Returns `None` if no such triangulation exists.
+/// Triangulates a rim without new vertices; if the hole is a slit, the triangles form a strip. Existing edges of the
+/// mesh aren't used as interior edges, since more than two triangles would meet there. Returns `None` if no such
+/// triangulation exists.
 fn strip(rim: &[u32], places: &[Vec3], faces: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
     let number: HashMap<u32, usize> = rim.iter().zip(0..).map(|(&v, i)| (v, i)).collect();
     let on_rim = |v: u32| number.get(&v).copied();

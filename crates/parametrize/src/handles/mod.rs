@@ -117,8 +117,8 @@ fn left_over(problems: String) -> ParametrizeError {
     ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None }
 }
 
-/// Returns the fillings of all cuts. In each filling, the new vertices are numbered from the complex's number of
-/// vertices on.
+/// Returns the fillings of all cuts. In each filling, the indices of new vertices start at the complex's number of
+/// vertices.
 fn fillings(
     complex: &Complex,
     surface: &Mesh,

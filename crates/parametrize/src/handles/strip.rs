@@ -61,8 +61,8 @@ mod tests {
         triangles.iter().map(|triangle| area(triangle.map(|v| places[v]))).sum()
     }
 
-    /// The triangulation of a polygon with straight sides has n - 2 triangles, none of them flat, and the polygon's
-    /// area.
+    /// The triangulation of a polygon with straight sides consists of n - 2 triangles, none of them flat, which
+    /// together have the polygon's area.
     #[test]
     fn a_rectangle_with_points_on_its_sides_is_covered_once() {
         let mut places = Vec::new();

@@ -2,7 +2,8 @@
 
 use crate::geometry::{cross, dot};
 
-/// Largest relative difference between a voxel size in a file and the same size in another unit, given with few digits.
+/// If a given voxel size is a power of ten times the file's size, to within this fraction, it is taken for the same
+/// size in another unit. The tolerance allows for sizes that are rounded to a few digits.
 const ROUNDING: f64 = 0.01;
 
 /// The rows of a 3 x 4 matrix that maps voxel coordinates (i, j, k) to RAS+ mm.
@@ -20,7 +21,8 @@ impl Affine {
     }
 
     /// Returns the matrix with the same directions and origin, but voxels of the given size. If the size differs from
-    /// the present one only by a power of ten, it is the same size in another unit, so the origin is also converted.
+    /// the present one only by a power of ten, it is taken to be the same size in another unit, so the origin is also
+    /// converted.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
         let lengths = self.voxel_size();
         let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);

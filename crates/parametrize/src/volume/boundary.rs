@@ -124,9 +124,9 @@ impl QuadMesh {
         count
     }
 
-    /// Returns the number of edges whose two vertices are already the vertices of an earlier edge. A mesh of triangles
-    /// can't distinguish the two edges, because both have the same vertices. The mesh would therefore have a single
-    /// edge of four triangles there, although the surface is closed.
+    /// Returns the number of edges that have the same two vertices as an earlier edge. A mesh of triangles can't
+    /// distinguish two such edges. The mesh would therefore have a single edge of four triangles there, although the
+    /// surface is closed.
     #[must_use]
     pub fn pinched_edges(&self) -> usize {
         let mut ends: Vec<[u32; 2]> = self.edges().collect();

@@ -59,7 +59,8 @@ impl VolumeDoubt {
         }
     }
 
-    /// Returns the text of a warning about one volume, or about several volumes of which this doubt is the most severe.
+    /// Returns the text of a warning about one volume or, if `several` is true, about several volumes, for which this
+    /// is the most severe doubt of its kind.
     pub(super) fn text(&self, several: bool) -> String {
         match self {
             Self::Replaced { given, file } => {

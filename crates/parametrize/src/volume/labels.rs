@@ -118,7 +118,7 @@ impl LabelVolume {
     /// When the number of values isn't the number of voxels, or memory doesn't suffice for the labels.
     #[must_use]
     pub fn new(size: [usize; 3], values: Vec<i32>, affine: Affine) -> Self {
-        assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
+        assert_eq!(values.len(), size.iter().product::<usize>(), "expected one value for each of {size:?} voxels");
         let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels need {room}"));
         let voxels = Voxels { labels, values: Vec::new() };
         Self::of(PathBuf::from(IN_MEMORY), Volume { size, affine, voxels, doubt: None }, VoxelValues::Labels)
@@ -142,7 +142,7 @@ impl LabelVolume {
         meaning: VoxelValues,
         affine: Affine,
     ) -> Result<Self, ParametrizeError> {
-        assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
+        assert_eq!(values.len(), size.iter().product::<usize>(), "expected one value for each of {size:?} voxels");
         meaning.check()?;
         let path = Path::new(IN_MEMORY);
         let (image, axes) = (ImageChoice::default(), AxisOrder::default());

@@ -68,7 +68,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     }
     skip(source, &mut stream, skipped)?;
     let voxels = layout.read(source, &mut stream)?;
-    // Reads to the end of the compressed data, which ends in a checksum. Tags may follow the values.
+    // Reads to the end of the compressed data, so that its checksum is verified. Tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
     let placed = i16::from_be_bytes([header[28], header[29]]) > 0;

@@ -34,7 +34,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let stored = if x_fastest { [x, y, z] } else { [z, y, x] };
     let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };
     let voxels = layout.read(source, &mut stream)?;
-    // Reading beyond the values also reaches the end of the compressed data, which ends in a checksum.
+    // Reading beyond the values detects surplus bytes, and verifies the checksum at the end of compressed data.
     let beyond = stream.take(1).read_to_end(&mut Vec::new());
     if beyond.map_err(|error| cut_short(source.path, &error.to_string()))? > 0 {
         return Err(cut_short(source.path, "more bytes than the shape allows"));

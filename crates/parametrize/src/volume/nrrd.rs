@@ -89,7 +89,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             _ => {
                 let mut stream = flate2::bufread::MultiGzDecoder::new(values);
                 let voxels = layout.read(source, &mut stream)?;
-                // Reads to the end of the compressed data, which ends in a checksum.
+                // Reads to the end of the compressed data, so that its checksum is verified.
                 let rest = std::io::copy(&mut stream.take(1 << 20), &mut std::io::sink());
                 rest.map_err(|error| cut_short(source.path, &error.to_string()))?;
                 voxels

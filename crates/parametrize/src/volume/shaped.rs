@@ -16,7 +16,7 @@ pub(super) struct Images {
 ///
 /// # Errors
 ///
-/// A message with the shape, if the shape has more than three dimensions and the axes don't say which of them are
+/// A message with the shape, if the shape has more than three dimensions and the names of the axes don't identify the
 /// channels and times.
 pub(super) fn images(text: &str, page: [usize; 2]) -> Result<Option<Images>, String> {
     let Some(shape) = field(text, "shape").and_then(numbers) else { return Ok(None) };

@@ -41,7 +41,7 @@ pub(super) fn is_tiff(bytes: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
 }
 
-/// The data about the entire stack in the first page's description.
+/// The facts about the entire stack that the first page's description states.
 #[derive(Debug, PartialEq)]
 struct Description {
     /// Size of the voxels in micrometres, or a description of the file that states why the size is missing.
@@ -52,7 +52,7 @@ struct Description {
     times: usize,
     /// Order of the pages: the axes Z, C and T, the fastest-varying axis first.
     order: [u8; 3],
-    /// Whether the description places pages in another order than `order`, or in other files.
+    /// Whether the description places pages in an order other than `order`, or in other files.
     elsewhere: bool,
 }
 
@@ -86,7 +86,7 @@ impl Description {
 /// Parses a file.
 pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
     let broken = |error: tiff::TiffError| source.wrong("a TIFF stack", error.to_string());
-    // Largest possible expansion by Deflate. No other method compresses labels better.
+    // Upper bound of the decoded size, for Deflate. No other method compresses labels better.
     let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
     let mut limits = Limits::default();
     let page = usize::try_from(most.min(LARGEST_PAGE)).unwrap_or(usize::MAX);
@@ -181,8 +181,8 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
     }
 }
 
-/// Returns the data in the description of the first page. If there is no description, returns the data of a file of one
-/// image. The error states a shape that has too many dimensions; see [`shaped::images`].
+/// Parses the description of the first page. If there is no description, returns that of a file of one image. The error
+/// states a shape that has too many dimensions; see [`shaped::images`].
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Result<Description, String> {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {

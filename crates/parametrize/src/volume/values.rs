@@ -23,8 +23,8 @@ pub(super) struct Volume {
     pub(super) doubt: Option<VolumeDoubt>,
 }
 
-/// The labels of all voxels. For grey values or probabilities, also each voxel's value minus the level, which is the
-/// value at the body's surface.
+/// The labels of all voxels. For grey values or probabilities, also each voxel's value minus the level (the value at
+/// the body's surface).
 pub(super) struct Voxels {
     pub(super) labels: Runs,
     pub(super) values: Vec<f32>,

@@ -8,14 +8,15 @@ use crate::error::ParametrizeError;
 use crate::flaws::used_vertices;
 use crate::geometry::{Vec3, add, norm, scale, sub};
 
-/// If a wrap loses more than [`LOSS`] of a mesh, the mesh is refused unless its rest, without the far vertices, spans
-/// at least this number of voxels along its longest side.
+/// If a wrap loses more than [`LOSS`] of a mesh, the mesh is refused unless the rest of it, without the far vertices,
+/// spans at least this number of voxels along its longest side.
 const LEAST: f64 = 8.0;
 /// A mesh is refused if the part without the far vertices spans fewer voxels than this along its longest side. With so
 /// few voxels, the wrap shows nothing of this part's shape, even if no part of the mesh is lost.
 const FEWEST: f64 = 2.0;
 /// If a wrap loses more than this share of a mesh, the rest of the mesh must span [`LEAST`] voxels instead of
-/// [`FEWEST`]. The loss of a long thin tail stays below this limit, because the tail has a smaller share of the mesh.
+/// [`FEWEST`]. A wrap that loses only a long thin tail stays below this limit, because the tail makes up a smaller
+/// share of the mesh.
 const LOSS: f64 = 0.05;
 
 /// Checks that the rest of a mesh has enough voxels, given the share of the mesh that a wrap loses. `given` is the mesh

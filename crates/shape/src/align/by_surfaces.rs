@@ -13,7 +13,7 @@ use crate::refine::{Fit, Space, Target};
 use crate::surface_poses::FAR_FROM_A_MEMBER;
 use crate::transform::{SQRT_4_PI, Transform, rmsd};
 
-/// Result of an alignment by the surfaces.
+/// Result of an alignment with [`Method::Surfaces`](crate::Method::Surfaces).
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
     /// For each start of the refinement, the root mean square distance at equal directions after the refinement. Row 0

@@ -17,15 +17,15 @@ pub enum Method {
     /// each of the same four rotations of space, and the best of the 16 pairs is used. Intended for comparison with
     /// other programs.
     FirstOrderEllipsoid,
-    /// Rotates only in space, and keeps the parameters because they already correspond.
+    /// Rotates only in space and keeps the parameters. Intended for surfaces whose parameters already correspond.
     FixedParameters,
     /// Finds the pose in space from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to the
     /// sphere, and then searches the rotation of the parameters in that pose. Intended for surfaces that were mapped to
-    /// the sphere separately: their distance at equal directions may be smallest in a wrong pose. The distance at equal
-    /// directions is an upper bound of the distance between the surfaces. If a joint search of both rotations reduces
-    /// the distance at equal directions below the distance between the surfaces in the pose found, the result of the
-    /// joint search is used. Copies of one surface then coincide to rounding error. Surfaces without area are aligned
-    /// by [`Method::Joint`].
+    /// the sphere separately: their distance at equal directions, which is the root mean square of |f(u) - g(u)|, may
+    /// be smallest in a wrong pose. The distance at equal directions is an upper bound of the distance between the
+    /// surfaces. If a joint search of both rotations reduces the distance at equal directions below the distance
+    /// between the surfaces in the pose found, the result of the joint search is used. Copies of one surface then
+    /// coincide to rounding error. Surfaces without area are aligned by [`Method::Joint`].
     Surfaces,
 }
 

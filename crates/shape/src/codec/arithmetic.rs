@@ -30,7 +30,7 @@ pub(super) trait Decisions {
     }
 }
 
-/// Error of a stream that ended before the requested decision.
+/// Error returned if a stream ends before the requested decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Ended;
 

@@ -18,7 +18,8 @@ use super::quantizer::Quantised;
 use super::search::{Trial, search};
 use super::stream::Stream;
 
-/// Minimum number of bytes between two default levels, so that checksums are a negligible part of the file.
+/// Minimum number of bytes between two default levels, which are the points at which the file may be truncated. Each
+/// level has a checksum, and with this minimum the checksums are a negligible part of the file.
 const LEAST_LEVEL: usize = 256;
 
 /// Number of quantisation steps tried in the search for the smallest file. Each step is 1 % finer than the previous

@@ -191,7 +191,7 @@ impl Fields<'_> {
         if !plausible(max_degree, top, channels, file) {
             return Err(CodecError::damaged(
                 "number of coefficients",
-                format!("at most as many as a file of {file} bytes may declare"),
+                format!("at most the number that a file of {file} bytes may declare"),
                 basis_size(max_degree).saturating_mul(channels),
             ));
         }
@@ -222,7 +222,7 @@ impl Fields<'_> {
         let mut text = Vec::new();
         let deflated = std::mem::take(&mut self.rest);
         let mut decoder = ZlibDecoder::new(deflated);
-        // Reading one byte more than declared detects excess data.
+        // One byte more than declared is requested, so that excess data is detected.
         let read = decoder.by_ref().take(length as u64 + 1).read_to_end(&mut text);
         read.map_err(|error| CodecError::damaged("provenance", "a zlib stream", error))?;
         if text.len() != length || decoder.total_in() != deflated.len() as u64 {

@@ -58,13 +58,13 @@ pub(super) struct Estimate {
 const MOST_SEEN: u32 = 250;
 
 impl Estimate {
-    /// Returns the estimate `numerator / denominator`, clamped to between 1/256 and 63/64.
+    /// Returns the estimate `numerator / denominator`, clamped to the range from 1/256 to 63/64.
     pub(super) fn new(numerator: u64, denominator: u64) -> Self {
         let one = ((numerator << 22) / denominator).clamp(1 << 14, (1 << 22) - (1 << 16));
         Self { one: one as u32, seen: 0 }
     }
 
-    /// Updates the estimate by a decision.
+    /// Moves the estimate towards the coded decision `bit`.
     pub(super) fn update(&mut self, bit: bool) {
         let target = if bit { WHOLE } else { 0 };
         let rate = 65_536 / (i64::from(self.seen) + 8);
@@ -109,7 +109,7 @@ impl Mixer {
         self.one as u32
     }
 
-    /// Updates the weights by a decision.
+    /// Updates the weights after the decision `bit` was coded.
     pub(super) fn update(&self, bit: bool, weights: &mut Weights) {
         let error = if bit { 65_536 - self.one } else { -self.one };
         for (weight, logarithm) in weights.0.iter_mut().zip(self.logarithms) {

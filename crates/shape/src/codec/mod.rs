@@ -4,7 +4,7 @@
 //! with mixed adaptive probabilities, conditioned on the neighbouring coefficients. Degrees are coded in order, so that
 //! a prefix of a file is a coarser model. `docs/sphz-format.md` specifies every byte.
 //!
-//! *Loss*: the step limits the precision. The sphere is lost, and with it the number, the triangles and the order of
+//! *Loss*: the step limits the precision. The sphere is lost, and with it the triangles, and the number and order of
 //! the vertices that the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured
 //! by the distance between the surfaces. Points may also move along the surface, by about the same length.
 //!

@@ -93,7 +93,7 @@ pub(super) fn descend(
                     break;
                 }
                 Some(found) => {
-                    // The step length at the minimum of the parabola through both costs with the initial slope.
+                    // Minimum of the parabola through the costs at 0 and t that has the initial slope.
                     let parabola = -0.5 * slope * t * t / (found.cost - state.cost - slope * t);
                     t = parabola.clamp(0.1 * t, 0.5 * t);
                 }

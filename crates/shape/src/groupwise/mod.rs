@@ -24,7 +24,7 @@
 //! | `member` | channels, normals and derivatives of one member |
 //! | `objective` | the description length and its derivatives with respect to the values |
 //! | `elastic`, `held` | the cost of stretching the sphere; the cost of moving fixed points |
-//! | `together` | alignment of members to their mean within rounds |
+//! | `together` | alignment of members to their mean in every step |
 //! | `state` | values, cost and gradient of a group for given maps |
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
 //! | `descent`, `lbfgs` | one stage; directions of descent |
@@ -199,7 +199,7 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
             return Err(ShapeError::Differ { what: "weights of directions", expected, found });
         }
         if let Some(weight) = mask.iter().find(|weight| !(**weight >= 0.0 && weight.is_finite())) {
-            let expected = "a number of at least 0 is needed";
+            let expected = "it must be finite and at least 0";
             return Err(ShapeError::Setting { name: "the weight of a direction", found: weight.to_string(), expected });
         }
     }

@@ -61,7 +61,7 @@ pub struct GroupwiseParams {
     /// Weight of the squared distances, in radians, between fixed points and their images. 1,000 by default: with this
     /// weight, a distance of 0.1 rad adds 10 to the objective.
     pub hold: f64,
-    /// Whether members are aligned rigidly to the mean in every round. Intended for groups that aren't aligned yet. Off
+    /// Whether members are aligned rigidly to the mean in every step. Intended for groups that aren't aligned yet. Off
     /// by default.
     pub together: bool,
     /// Minimum decrease of the objective per member and step. A stage ends after three consecutive steps with smaller
@@ -96,14 +96,14 @@ impl GroupwiseParams {
         for (name, value, least) in numbers {
             if !(value >= least && value.is_finite()) {
                 let expected =
-                    if least > 0.0 { "a number above 0 is needed" } else { "a number of at least 0 is needed" };
+                    if least > 0.0 { "it must be finite and above 0" } else { "it must be finite and at least 0" };
                 return Err(ShapeError::Setting { name, found: value.to_string(), expected });
             }
         }
         for stage in self.stages.iter().flatten() {
             if stage.max_degree == 0 || stage.field_degree == 0 {
                 let name = "the degree of a stage";
-                return Err(ShapeError::Setting { name, found: "0".to_owned(), expected: "at least 1 is needed" });
+                return Err(ShapeError::Setting { name, found: "0".to_owned(), expected: "it must be at least 1" });
             }
         }
         Ok(())

@@ -28,20 +28,20 @@ pub struct StageReport {
     /// Value of the objective before and after the stage. Values of different stages can't be compared.
     pub cost: [f64; 2],
     /// Variance of the group before and after the stage, in the square of the models' unit. It is the mean squared
-    /// distance from the mean, over the surface's area, at the stage's degree. All channels are included, also the
+    /// distance from the mean, over the surface's area, at the stage's degree. It covers all channels, including the
     /// weighted normals.
     pub variance: [f64; 2],
     /// Change of areas after the stage.
     pub distortion: Distortion,
     /// Whether the stage ended because its last steps barely decreased the objective, and not because it reached its
-    /// maximum number of rounds.
+    /// maximum number of steps.
     pub converged: bool,
 }
 
 /// Report of a refinement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GroupwiseReport {
-    /// Reports of the stages, in their order.
+    /// Reports of the stages, in the order in which they ran.
     pub stages: Vec<StageReport>,
     /// Root mean square angle by which each member's directions were moved, in radians.
     pub moved: Vec<f64>,

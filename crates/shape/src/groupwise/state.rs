@@ -6,7 +6,7 @@
 //!
 //! phi_i is the map of member i, and G and delta are defined in [`objective`](super::objective). E is the elastic
 //! energy ([`elastic`](super::elastic)) with the weight mu, and H is the energy of the fixed points
-//! ([`held`](super::held)). If members are aligned within rounds, each member is moved rigidly to the mean before G is
+//! ([`held`](super::held)). If members are aligned in every step, each member is moved rigidly to the mean before G is
 //! computed. The member's gradient is then rotated back.
 //!
 //! Members are evaluated in parallel. Each evaluation creates a plan for the directions of a member, and drops it
@@ -38,7 +38,7 @@ pub(super) struct Group<'a> {
     pub(super) elasticity: f64,
     pub(super) held: Held,
     /// First channel of each triple of channels that rotates with the surface, such as the position; `None` unless
-    /// members are aligned rigidly in every round.
+    /// members are aligned rigidly in every step.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
     pub(super) field_degree: usize,

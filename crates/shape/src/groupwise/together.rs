@@ -1,7 +1,7 @@
-//! Aligns members rigidly to their mean within a round of the refinement.
+//! Aligns members rigidly to their mean in every step of the refinement.
 //!
 //! Directions are weighted by their area on the mean surface. Rotations are found by Kabsch's method, starting from
-//! each member's pose in the last round. The motions minimise the variance, and so nearly minimise the description
+//! each member's pose in the last step. The motions minimise the variance, and so nearly minimise the description
 //! length. The gradient treats the motions as constant.
 
 use ndarray::{Array2, Axis};
@@ -12,7 +12,7 @@ use crate::groupwise::objective::{Objective, corners};
 use crate::matrix3::{IDENTITY, Matrix3, product};
 use spharm_surface::kabsch::kabsch;
 
-/// Rotation of each member in space; empty if members aren't aligned within rounds.
+/// Rotation of each member in space; empty if members aren't aligned in every step.
 pub(super) type Turns = Vec<Matrix3>;
 
 /// Number of iterations, each of which computes the mean and then moves the members to the mean.
@@ -20,7 +20,7 @@ const ROUNDS: usize = 2;
 
 /// Moves the members' values (N, n C) rigidly to the mean, and returns the members' rotations. `turning` holds the
 /// first channel of each triple of channels that rotates with the surface. The triple that starts at channel 0 is the
-/// position, which is also translated. `last` holds the rotations of the previous round, from which the iterations
+/// position, which is also translated. `last` holds the rotations of the previous step, from which the iterations
 /// start.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,

@@ -29,8 +29,8 @@ const ROUNDING: f64 = 1e-3;
 /// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
 /// equal directions may correspond. The joint alignment is then tried.
 const NEAR: f64 = 2.0;
-/// A group is treated as a mix of two sides if at least this fraction of its members is nearer as mirror images. If
-/// there are fewer such members, each is reported individually.
+/// A group is treated as a mix of two sides, such as left and right, if the mirror images of at least this fraction of
+/// its members are nearer than the members themselves. If there are fewer such members, each is reported individually.
 const SIDES: f64 = 0.25;
 
 /// Aligns a group by its surfaces. A point or a line has no pose, so a group with such a member is aligned by the
@@ -160,7 +160,8 @@ fn mirrored(
     Ok(sides(named, surfaces.len()))
 }
 
-/// If many members are mirror images of the others, replaces the warnings by a single warning about two sides.
+/// If many members are mirror images of the others, replaces the warnings with a single warning that the group mixes
+/// two sides, such as left and right.
 fn sides(named: Vec<ProcrustesWarning>, of: usize) -> Vec<ProcrustesWarning> {
     let other: Vec<usize> = named.iter().filter_map(ProcrustesWarning::member).collect();
     if other.len() < 2 || (other.len() as f64) < SIDES * of as f64 {

@@ -13,8 +13,8 @@
 //! where s is the median absolute deviation of x from its median, divided by 0.6745. In generated groups of 6 and 20
 //! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members, and
 //! -0.16 or below for mirrored members. One or three of the 20 bodies were mirrored. For randomly perturbed ellipsoids,
-//! x was -0.08 or above. Five correct hippocampi have x from -0.2 to 0.5, and none is reported. A mirrored hippocampus
-//! usually isn't reported either.
+//! x was -0.08 or above. Five unmirrored hippocampi have x from -0.2 to 0.5, and none is reported. A mirrored
+//! hippocampus usually isn't reported either.
 
 use std::borrow::Cow;
 
@@ -31,7 +31,8 @@ const LEAST: usize = 4;
 /// A member is reported as mirrored only if its x ([`Judged::log`]) is at most minus this value, and the median of x
 /// over all members is at least this value.
 const CLEAR: f64 = 0.1;
-/// A member is mirrored only if its x = ln(image / own) is below the median by at least this multiple of the spread s.
+/// A member is reported as mirrored only if its x = ln(image / own) is below the median by at least this multiple of
+/// the spread s.
 const FAR: f64 = 5.0;
 /// Distances below this are treated as rounding errors, for surfaces of norm 1.
 const SAME: f64 = 1e-7;
@@ -84,7 +85,7 @@ impl Group<'_> {
         Ok((warnings, unclear))
     }
 
-    /// Aligns every member and its mirror image to the mean of the others. If the round mirrored a member, the
+    /// Aligns every member and its mirror image to the mean of the others. If a member is mirrored in `round`, its
     /// mirrored form is treated as the member itself.
     pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
         let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;

@@ -20,8 +20,8 @@
 //! ```
 //!
 //! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to
-//! 0.06. It was 0.10 for five correct hippocampi, and 0.39 to 0.53 if one to four of them were mirrored. The median of
-//! x was -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi. Hippocampi differ so much from each other
+//! 0.06. It was 0.10 for five unmirrored hippocampi, and 0.39 to 0.53 if one to four of them were mirrored. The median
+//! of x was -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi. Hippocampi differ so much from each other
 //! that the alignment doesn't separate left from right. See docs/algorithms/alignment.md for a table of both
 //! quantities.
 

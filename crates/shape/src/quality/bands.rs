@@ -1,7 +1,7 @@
 //! Computes confidence bands of the quality measures by a bootstrap over the members.
 //!
 //! Members are drawn with replacement, and all measures are recomputed for the draw. If a member is excluded, all its
-//! copies in the draw are excluded as well. A draw contains only about 63 % of the different members. A shape's nearest
+//! copies in the draw are excluded as well. A draw contains only about 63 % of the distinct members. A shape's nearest
 //! member in the draw is farther away than its nearest member in the group, so a draw's measures are systematically
 //! larger than the group's. Bands are therefore the quantiles of the draws relative to their median, centred on the
 //! group's value. This corrects the bias caused by the resampling (B. Efron and R. J. Tibshirani, An Introduction to
@@ -83,7 +83,7 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(STREAM + index as u64);
     loop {
-        // The range of the random numbers far exceeds n, so the remainder is uniform to 2^-32.
+        // The range of the random numbers far exceeds n, so the remainder is uniform to within 2^-32.
         let rows: Vec<usize> = (0..n).map(|_| (random.next_u64() % n as u64) as usize).collect();
         let mut distinct = rows.clone();
         distinct.sort_unstable();

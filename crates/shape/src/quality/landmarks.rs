@@ -1,6 +1,6 @@
-//! Measures landmark errors, which show whether equal directions correspond. The same landmark has a direction in each
-//! member. A landmark error is the distance, on one member's surface, between the points at the directions from two
-//! members.
+//! Measures landmark errors, which show whether points at equal directions correspond. Each landmark has a direction on
+//! each member. A landmark error is the distance between two points on one member's surface: the points at the
+//! directions that the landmark has on this member and on another member.
 //!
 //! A manually placed landmark p of member i is assigned the direction u of the nearest point on the member's surface.
 //! The error of the pair of members i and k is the distance between f_k(u) and f_k(u'), where u' is the direction of
@@ -32,7 +32,7 @@ pub struct LandmarkErrors {
     pub mean: f64,
     /// Median error over all pairs of members and all landmarks.
     pub median: f64,
-    /// 95 % band of the mean error, from a bootstrap over the members.
+    /// 95 % band of the mean error, from a bootstrap over the members; `None` if no bands were requested.
     pub band: Option<[f64; 2]>,
     /// Mean error of each of the p landmarks over all pairs of members.
     pub by_landmark: Vec<f64>,

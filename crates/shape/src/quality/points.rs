@@ -118,7 +118,7 @@ impl Points {
         self.combined(&vec![share; self.members.len()])
     }
 
-    /// Returns the sum of the members' positions, multiplied by one factor per member.
+    /// Returns a weighted sum of the members' positions, with one weight per member.
     pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
         let mut sum = vec![[0.0; 3]; self.weights.len()];
         for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {

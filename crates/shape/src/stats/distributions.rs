@@ -1,7 +1,7 @@
 //! Computes tail probabilities of Student's t and Fisher's F, and quantiles of t.
 //!
-//! A small tail is computed directly as a regularised incomplete beta function, not as one minus the other tail, so that
-//! small p values keep their precision.
+//! A small tail is computed directly as a regularised incomplete beta function, not as one minus the other tail, so
+//! that small p values keep their precision.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::beta::beta_reg;

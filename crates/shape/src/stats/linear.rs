@@ -1,7 +1,7 @@
 //! Fits the linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
 //!
-//! `projection` has the orthonormal bases of the design, which has p columns. Q_E (n, q) is the basis of the part that
-//! a contrast of q rows tests, and Y (n, d) are the values at a vertex. With b = Q_E^T Y and T = |residual of the
+//! The orthonormal bases of the design, which has p columns, are from `projection`. Q_E (n, q) is the basis of the part
+//! that a contrast of q rows tests, and Y (n, d) are the values at a vertex. With b = Q_E^T Y and T = |residual of the
 //! reduced model|^2, the errors have the sum of squares `W = T - b^T b` and v = n - p degrees of freedom. The
 //! statistics are
 //!
@@ -190,8 +190,8 @@ pub(crate) fn statistics(
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());
     let vertices = values.ncols() / components;
-    // Each column has a floor, which depends on the size of the column's values. A sum of squares up to this floor is a
-    // rounding error.
+    // Each column has a floor, which depends on the size of the column's values. A sum of squares up to this floor is
+    // treated as a rounding error.
     let floor = floors(values);
     if components == 1 {
         let squares = column_squares(errors.view());

@@ -1,5 +1,5 @@
-//! Leaves out a main effect of an interaction if a covariate already contains this main effect. For example, if the
-//! subjects are a covariate, they contain the effect of the group, because each subject is in one group.
+//! Removes a main effect of an interaction from a design if a covariate already contains this main effect. For example,
+//! if the subjects are a covariate, they contain the effect of the group, because each subject is in one group.
 //!
 //! The remaining columns span the same space, and the interaction has the same meaning.
 

@@ -47,7 +47,7 @@ pub const MAX_RELABELLINGS: usize = 100_000_000;
 pub struct PermutationParams {
     /// Number of random relabellings, 1 to [`MAX_RELABELLINGS`]. Default: 10,000.
     pub count: usize,
-    /// If at most this number of relabellings is possible, all of them are used instead of random relabellings. At most
+    /// If at most this many relabellings are possible, all of them are used instead of random relabellings. At most
     /// [`MAX_RELABELLINGS`]. Default: 20,000.
     pub exact_up_to: usize,
     /// Seed of the random relabellings. Default: 0.
@@ -295,7 +295,7 @@ fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
 /// Returns the smallest possible p value: the fraction of the relabellings that have the same statistics as the
 /// original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
-    // Relabellings that swap whole variance groups are allowed. Each group then has the variance of another group.
+    // A relabelling may leave the statistics unchanged if it swaps whole variance groups, but not if it mixes them.
     let in_groups = |relabelling: &Relabelling| {
         let keeps = |groups: &[usize]| {
             let mut other = vec![None; groups.len()];
@@ -314,7 +314,7 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
             batch.iter().filter(|of| in_groups(of) && model.unchanged_by(of)).count()
         })
         .sum();
-    // Of random relabellings, the first has the original labels, and the others are a sample of all possible
+    // If relabellings are random, the first one has the original labels, and the others are a sample of all possible
     // relabellings.
     let others = unchanged.saturating_sub(1) as f64 * (arrangements.count - 1) as f64 / (looked - 1).max(1) as f64;
     (1.0 + others) / arrangements.count as f64

@@ -290,8 +290,8 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
     })
 }
 
-/// Returns two lists of terms. The first has the columns of the effect, if the effect is an interaction. The second has
-/// the covariates and the columns of their interactions, without the terms of the effect.
+/// Returns two lists of terms. The first contains the columns of the effect, if the effect is an interaction. The
+/// second contains the covariates and the columns of their interactions, without the terms of the effect.
 fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     let parts = |term: &Term| match term {
         Term::Column(..) => Vec::new(),

@@ -148,7 +148,7 @@ const FEWEST: usize = 8;
 /// Distance from the median, in interquartile ranges, beyond which a number is far from the others.
 const FAR: f64 = 20.0;
 
-/// Absolute value from which on numbers look like codes. Examples of such codes are 1e30 and the largest number of a
+/// Numbers of at least this absolute value look like codes of missing values, such as 1e30 or the largest number of a
 /// type.
 const HUGE: f64 = 1e30;
 

@@ -5,7 +5,7 @@
 //! B. L. Welch (1949), which has a separate variance for each group. Residuals r are taken about the mean that both
 //! groups share under the null hypothesis. This is the mean of the two groups' means, weighted by `n_g / tr S_g` for a
 //! group of n_g subjects with the covariance S_g. The method is the restricted wild bootstrap, whose first relabelling
-//! is the study itself. Residuals about the mean of each group are not an alternative. In a simulation with such
+//! is the study itself. Residuals about each group's own mean can't be used instead: in a simulation with such
 //! residuals, the family-wise error of `T^2` was 0.18 instead of 0.05, and the power for t was the same. The simulation
 //! had 300 null studies of 5 subjects against 15, with standard deviations in the ratio 2 : 1, and used NumPy.
 //!

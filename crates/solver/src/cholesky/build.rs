@@ -16,7 +16,7 @@ use crate::condition;
 use crate::gram::GramMatrix;
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Default number of rows and columns of a tile: a tile of f64 takes 128 KiB, which fit in the L2 cache of any core.
+/// Default number of rows and columns of a tile: a tile of f64 takes 128 KiB, which fits in the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
 /// Largest number of columns of a panel if the entire factor is in memory. Wider panels wouldn't be faster.
 const PANEL: usize = 1024;
@@ -37,7 +37,7 @@ pub struct FactorParams {
     pub tile: usize,
     /// Memory budget in bytes; default 2 GiB.
     pub memory: usize,
-    /// Bytes of the budget that the Gram matrix and the caller hold; default 0.
+    /// Bytes of the budget already used by the Gram matrix and the caller; default 0.
     pub held: usize,
     /// Number of threads; 0 (default) for the number of threads of the caller's rayon pool.
     pub threads: usize,
@@ -117,7 +117,7 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     }
 }
 
-/// Plans building a factor into a store, and checks memory and disk space before any work. Writes nothing.
+/// Plans the computation of a factor in a store, and checks memory and disk space before any work. Writes nothing.
 ///
 /// # Errors
 ///
@@ -224,7 +224,7 @@ fn compute<T: Tiles + Finished>(
 ) -> Result<Condition, SolverError> {
     monitor.begin(Stage { name: "factor", unit: Unit::Flops }, panels.flops() as u64);
     let norm = into_tiles(source, tiles, panels, monitor)?;
-    monitor.note(Level::Status, format_args!("estimating the condition"));
+    monitor.note(Level::Status, format_args!("estimating the condition number"));
     let inverse = condition::one_norm(panels.grid.size(), &mut |x: &mut [f64]| {
         monitor.check()?;
         triangular::solve(tiles, ArrayViewMut1::from(x).insert_axis(Axis(1)), panels.threads)

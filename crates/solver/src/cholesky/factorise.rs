@@ -9,7 +9,7 @@
 //! ```
 //!
 //! Then the finished tiles are stored. Earlier columns are read again for each panel. With panels of w columns, a
-//! factorisation reads 4 K^3 / (3 w) bytes in total, so wider panels reduce the reading. A factorisation takes K^3 / 3
+//! factorisation reads 4 K^3 / (3 w) bytes in total, so wider panels reduce this amount. A factorisation takes K^3 / 3
 //! flops. If the factor is in memory, "reading" means copying tiles into panels. The order of summation of each entry
 //! depends only on the panels' width.
 
@@ -26,7 +26,7 @@ use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Number of the factor's columns whose products are subtracted from a panel at a time. This number is so large that
+/// Number of the factor's columns whose products are subtracted from a panel at a time. It is large enough that
 /// `dgemm`'s memory traffic on the panel is negligible.
 const RUN: usize = 512;
 /// Number of rows of the factor that are gathered into contiguous memory at a time.

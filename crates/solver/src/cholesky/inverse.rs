@@ -79,8 +79,8 @@ pub(crate) fn penalised_diagonals(
     Ok((inverse, penalised))
 }
 
-/// Returns the identity matrix's columns in `step` tile columns from `first` on, as blocks for [`run`], and the range
-/// of these columns.
+/// Returns the columns of the identity matrix in the `step` tile columns starting at `first`, as blocks for [`run`],
+/// and the range of these columns.
 fn units(grid: TileGrid, first: usize, step: usize) -> (Vec<Vec<f64>>, Range<usize>) {
     let columns = grid.range(first).start..grid.range((first + step - 1).min(grid.columns() - 1)).end;
     let unit = |at: usize| {

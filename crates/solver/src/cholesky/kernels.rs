@@ -1,9 +1,9 @@
 //! Kernels that multiply a tile or its transpose by a few columns, and that solve with the triangles on the diagonal.
 //!
 //! With few columns, a solve is bound by memory bandwidth. Therefore every kernel reads its tile once, in storage
-//! order, and prefetches the next tile meanwhile. Without prefetching, the processor waits for one page after another:
-//! a pass over 208 MB on one thread then takes 28 ms instead of 10 ms. Values of f32 are widened in registers; sums and
-//! right-hand sides are always f64. With `MANY` columns or more, matrix products are faster (`triangular.rs`).
+//! order, and prefetches the next tile at the same time. Without prefetching, the processor waits for one page after
+//! another: a pass over 208 MB on one thread then takes 28 ms instead of 10 ms. Values of f32 are widened in registers;
+//! sums and right-hand sides are always f64. With `MANY` columns or more, matrix products are faster (`triangular.rs`).
 //!
 //! Tiles are column-major without gaps; right-hand sides (rows, c) are column-major.
 

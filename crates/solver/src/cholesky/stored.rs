@@ -91,7 +91,7 @@ impl Tiles for StoredFactor {
             self.finish(cursor)?;
             cursor.window = Some(self.window(column)?);
         }
-        let Some(window) = &cursor.window else { unreachable!("just put there") };
+        let Some(window) = &cursor.window else { unreachable!("the window was set above") };
         Ok(window.values(row)?)
     }
 

@@ -40,7 +40,7 @@ pub(crate) trait Tiles: Sync {
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
-    /// Announces that tiles of tile column `column` will be read, from tile row `row` on.
+    /// Announces that tiles of tile column `column` will be read, starting at tile row `row`.
     fn will_need(&self, _row: usize, _column: usize) {}
 }
 

@@ -262,9 +262,9 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Waits for a block that another thread computes. Usually the block is already available. After some spins the
-    /// thread yields its processor. A yield costs little. If there are more threads than processors, it costs much less
-    /// than spinning.
+    /// Waits for a block that another thread computes. Usually the block is already available. Otherwise the thread
+    /// spins for a while, then yields its processor. A yield costs little. If there are more threads than processors,
+    /// it costs much less than spinning.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;

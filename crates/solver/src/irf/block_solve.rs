@@ -97,8 +97,8 @@ impl<'o> BlockSolver<'o> {
         residual: &mut Workers<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Step, SolverError> {
-        // If the basis file was truncated meanwhile, the block appears singular; the check then reports the actual
-        // error.
+        // If the basis file was truncated in the meantime, the block appears singular; the check then reports the
+        // actual error.
         self.step(block, residual, monitor).or_else(|error| block.data.check().and(Err(error)))
     }
 

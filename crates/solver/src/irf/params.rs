@@ -31,7 +31,7 @@ pub struct IrfParams {
     pub accelerate: bool,
     /// Bytes held by the source of the blocks' Gram matrices, if the fit has such a source; used by
     /// [`plan`](super::plan()). [`IrfSolver::new`](super::IrfSolver::new) and
-    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) replace this number by the number that follows from their
+    /// [`IrfSolver::with_gram`](super::IrfSolver::with_gram) overwrite this number with one computed from their
     /// arguments.
     pub gram_bytes: Option<usize>,
 }

@@ -17,7 +17,7 @@ pub(super) const SHARED_FROM: usize = 1024;
 /// Number of rows per call of the shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
 
-/// Bytes per thread for the packed copies of matrices that products with narrow blocks make.
+/// Bytes per thread for the packed copies of matrices made by products with narrow blocks.
 const PACKED: usize = 4 << 20;
 /// Bytes of workspace per thread for computing a Gram matrix from moments.
 const GRAM_WORK: usize = 1 << 20;
@@ -192,7 +192,7 @@ fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &I
 pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
     let width = k + channels;
     let height = width.min(rows);
-    // Folding rows into a triangular factor R needs memory for R, the waiting rows, the stack of both, and the new R.
+    // Folding rows into a triangular factor R needs memory for R, the rows to fold, the stack of both, and the new R.
     let fold = width * (5 * height + 4 * chunk_rows) * 8;
     let decomposition = 8 * height * (6 * k + 2 * height);
     (threads * fold).max(decomposition + width * height * 8)

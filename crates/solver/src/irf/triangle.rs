@@ -17,7 +17,7 @@ pub(super) struct Triangle {
     height: usize,
     columns: usize,
     /// Runs of rows that haven't been folded into R yet: for each run the number of rows, and the rows, column-major.
-    /// The rows are folded when their number is about the number of columns, because folding fewer rows at a time takes
+    /// The rows are folded when there are about as many of them as columns, because folding fewer rows at a time takes
     /// longer in total.
     waiting: Vec<(usize, Vec<f64>)>,
 }

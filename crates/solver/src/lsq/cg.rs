@@ -162,8 +162,8 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies or `progress` is too slow. Returns [`Stop::IterationLimit`] in the case
-    /// of slow progress, too.
+    /// Iterates until a stopping rule applies or `progress` is too slow. Slow progress is also reported as
+    /// [`Stop::IterationLimit`].
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,

@@ -55,7 +55,7 @@ pub(crate) fn norms(a: &Array2<f64>) -> Vec<f64> {
 
 /// Computes `y_c = s_c y_c + a_c x_c` for each column c.
 pub(crate) fn combine(y: &mut Array2<f64>, s: &[f64], a: &[f64], x: &Array2<f64>) {
-    assert_eq!(y.dim(), x.dim(), "arrays to combine");
+    assert_eq!(y.dim(), x.dim(), "the arrays to combine must have the same shape");
     let c = y.ncols().max(1);
     let x = x.as_standard_layout();
     let x = x.as_slice().unwrap_or_default();

@@ -81,7 +81,7 @@ impl Cost {
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
-    /// Returns whether moments pay off so early in the expected iterations that they should be computed first.
+    /// Returns whether moments pay off early enough in the expected iterations to be computed first.
     pub(super) fn at_once(&self, tolerance: f64) -> bool {
         self.paid_after() <= PAYING_PER_EXPECTED_ITERATIONS * self.expected_iterations(tolerance)
     }

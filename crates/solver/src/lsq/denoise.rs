@@ -87,7 +87,7 @@ pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>)
     rows.map(|(i, row)| precision.map_or(1.0, |precision| precision[i]) * row.dot(&row)).sum()
 }
 
-/// Power that noise of variance 1 has after a fit: in the coefficients of each degree, and in the residual.
+/// Power of noise of variance 1 after a fit: in the coefficients of each degree, and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
     /// Power in the coefficients of each degree (L + 1), summed over the fitted columns of noise.
@@ -159,9 +159,9 @@ impl NoisePower {
         self.residual / self.columns
     }
 
-    /// Returns the quotient of two noise powers in degree 1: on this sampling, and on an even sampling whose precisions
-    /// have the sum `weight`. The quotient is much larger than 1 if regions with few samples raise the noise of all
-    /// degrees. It is 1 if the fit has no degree 1.
+    /// Returns the noise power in degree 1 on this sampling, divided by the noise power in degree 1 on an even sampling
+    /// whose precisions have the sum `weight`. The quotient is much larger than 1 if regions with few samples raise the
+    /// noise of all degrees. It is 1 if the fit has no degree 1.
     #[must_use]
     pub fn relative_to_even(&self, weight: f64) -> f64 {
         let even = order_count(1) as f64 * 4.0 * std::f64::consts::PI / weight;

@@ -38,7 +38,7 @@ const COARSE: usize = 13;
 /// of neighbouring lambdas from 30 on the grid to 1.1.
 const FINE: usize = 10;
 
-/// The search for a smoothness, and its result.
+/// The result of a search for the smoothness.
 #[derive(Debug, Clone, Serialize)]
 pub struct Gcv {
     /// The lambda that minimises GCV.
@@ -86,7 +86,7 @@ fn least(tried: &[[f64; 3]]) -> [f64; 3] {
     tried.iter().copied().min_by(|x, y| x[1].total_cmp(&y[1])).unwrap_or_default()
 }
 
-/// The operations on a problem that cross-validation requires.
+/// The operations that cross-validation requires of a problem.
 pub(super) trait Validated {
     fn max_degree(&self) -> usize;
     /// Returns the number of rows with nonzero weight.

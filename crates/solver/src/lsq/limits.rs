@@ -1,6 +1,6 @@
 //! Constants that determine the steps of a fit, each with its origin. A constant without a figure was chosen without a
-//! recorded measurement. The formulas of the costs are in `cost`; figures are in docs/performance.md. The table of
-//! steps in docs/methods.md repeats some of the constants.
+//! recorded measurement. The formulas of the costs are in `cost`; measured figures are in docs/performance.md. The
+//! table of steps in docs/methods.md repeats some of the constants.
 
 /// Minimum number of iterations before switching to a factor that must first be computed. A sampling that needs more
 /// iterations than this number needs many more. An icosphere takes 9 iterations, a sphere map by `cald` takes 60
@@ -16,8 +16,8 @@ pub(super) const ITERATIONS_BESIDE_FACTOR: usize = 3;
 /// is far below 1 because the prediction tends to be too low.
 pub(super) const LEFT_PER_FACTOR_COST: f64 = 0.2;
 /// Iterations are tried before a well-conditioned stored factor is used, if the first [`ITERATIONS_BESIDE_FACTOR`]
-/// iterations cost less than this share of using the factor. If the moments must first be computed, their cost is added
-/// to the cost of the iterations.
+/// iterations cost less than this share of the cost of using the factor. If the moments must first be computed, their
+/// cost is added to the cost of the iterations.
 pub(super) const BEGUN_PER_SOLVE_COST: f64 = 0.5;
 /// A stored factor is well conditioned if its reciprocal condition number is above this value. A fit then needs few
 /// iterations, which may cost less than using the factor.

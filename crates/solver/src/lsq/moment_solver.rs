@@ -127,9 +127,9 @@ pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Mon
 }
 
 /// Solves for groups of columns in parallel. Each group is solved until its own optimality meets the stopping rules.
-/// Groups that need a factor follow one after another. The result for a group is bit-identical to the result of
-/// [`solve_moments`] for this group only, unless a factor is computed. A computed factor is also used for the following
-/// groups.
+/// Groups that need a factor are solved afterwards, one after another. The result for a group is bit-identical to the
+/// result of [`solve_moments`] for this group only, unless a factor is computed. A computed factor is also used for the
+/// following groups.
 ///
 /// # Errors
 ///
@@ -154,8 +154,8 @@ pub fn solve_moments_of_groups(
         solver.plan(Given::Sums(problem), group.len()).note(monitor);
     }
     solver.notes_plans = false;
-    // Fit the groups in parallel, each on one thread. Groups that need a factor follow one after another: a factor uses
-    // all threads, and the memory suffices for only one factor.
+    // Fit the groups in parallel, each on one thread. Groups that need a factor are fitted afterwards, one after
+    // another: a factor uses all threads, and the memory suffices for only one factor.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;

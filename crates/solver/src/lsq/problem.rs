@@ -9,7 +9,7 @@ use super::columns::{add_scaled_rows, dots};
 use super::normal_equations::NormalEquations;
 use crate::{MomentNormal, SolverError};
 
-/// Products with the normal matrix, and the gradient by which a solution is finally verified.
+/// Products with the normal matrix, and the gradient used for the final check of a solution.
 pub(crate) trait Problem: Sync {
     /// Returns the right-hand sides `A^T W f` (K, c).
     fn right_sides(&self) -> Result<Array2<f64>, SolverError>;

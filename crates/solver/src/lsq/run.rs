@@ -29,7 +29,7 @@ impl<'a> Done<'a> {
     }
 }
 
-/// Records the steps taken, and the number of iterations and the time at the end of the last step.
+/// The steps taken so far, and the number of iterations and the time at the end of the last step.
 pub(super) struct Taken {
     steps: Vec<StepReport>,
     iterations: usize,
@@ -229,7 +229,7 @@ impl LsqSolver<'_> {
         monitor: &dyn Monitor,
     ) -> Result<Option<Array2<f64>>, SolverError> {
         let Some(make) = self.make_moments else { return Ok(None) };
-        monitor.note(Level::Status, format_args!("moments"));
+        monitor.note(Level::Status, format_args!("computing moments"));
         let (normal, right_sides) = make(accuracy, targets)?;
         self.moments = Some(Moments { normal, accuracy });
         Ok(right_sides)

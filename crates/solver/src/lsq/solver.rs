@@ -85,7 +85,7 @@ pub(super) enum Given<'a> {
     Sums(&'a MomentProblem),
 }
 
-/// Solves for batches of targets on one sampling, and keeps moments and factor between batches.
+/// Solves for batches of targets on one sampling, and keeps the moments and the factor between batches.
 pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
@@ -285,8 +285,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Computes a factor unless there is one. If the memory budget or the process's limits don't suffice, returns an
-    /// error if the factor is `required`, otherwise false.
+    /// Computes a factor unless one exists. If the memory budget or the process's limits are too low, returns an error
+    /// if the factor is `required`, otherwise false.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);

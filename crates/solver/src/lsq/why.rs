@@ -46,16 +46,16 @@ impl fmt::Display for Why {
             Self::MomentsPay { after, expected } => {
                 write!(
                     f,
-                    "moments save time from {after:.0} iterations on, and {} iterations are expected",
+                    "moments save time after {after:.0} iterations, and {} iterations are expected",
                     number(*expected)
                 )
             }
             Self::DensityRequested => f.write_str("the requested preconditioner, density, needs the moments"),
-            Self::UntilMomentsPay { after } => write!(f, "moments save time only from {after:.0} iterations on"),
+            Self::UntilMomentsPay { after } => write!(f, "moments save time only after {after:.0} iterations"),
             Self::MomentsPaidOff => f.write_str("moments would have saved time by now"),
             Self::MomentsExist => f.write_str("with moments, an iteration costs the same for any number of samples"),
             Self::MomentsPayLate { after } if after.is_finite() => {
-                write!(f, "moments would save time only from {after:.0} iterations on")
+                write!(f, "moments would save time only after {after:.0} iterations")
             }
             Self::MomentsPayLate { .. } => f.write_str("iterations by moments wouldn't be faster"),
             Self::NoMoments => f.write_str("moments aren't available, or don't fit in memory"),

@@ -56,8 +56,8 @@ impl MatrixFreeOperator {
     ) -> Result<usize, SolverError> {
         let TransformParams { max_degree, accuracy, channels: group } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
-        // Moments have degrees up to 2L. Their grids are twice as wide: one for each channel of a group, and one for
-        // the weights.
+        // Moments have degrees up to 2L, so their grids are twice as wide. There is one grid for each channel of a
+        // group, and one for the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }

@@ -49,7 +49,7 @@ impl ThreadedKernels for Faer {
     }
 
     fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
-        assert_eq!(c.rows(), c.columns(), "a triangle");
+        assert_eq!(c.rows(), c.columns(), "the triangle must be square");
         self.divide(view(c), view_mut(out, rows, c.columns(), leading));
     }
 

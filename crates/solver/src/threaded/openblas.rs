@@ -25,8 +25,8 @@ unsafe extern "C" {
 
 static IN_USE: Mutex<()> = Mutex::new(());
 
-/// Exclusive use of OpenBLAS with some number of threads. A process has at most one value of this type at a time: other
-/// callers wait until the value is dropped. Dropping it restores the previous number of threads.
+/// Exclusive use of OpenBLAS with a given number of threads. A process has at most one value of this type at a time:
+/// other callers wait until the value is dropped. Dropping it restores the previous number of threads.
 ///
 /// Don't hold this value while waiting for other threads: they may also need OpenBLAS.
 #[derive(Debug)]
@@ -40,7 +40,7 @@ impl ThreadedKernels for OpenBlas {
     /// Measured bytes of buffers that a thread touches.
     const TOUCHED_PER_THREAD: usize = 34 << 20;
 
-    /// Returns version, kernels and build options of OpenBLAS.
+    /// Returns the version, kernels and build options of OpenBLAS.
     fn version() -> String {
         // SAFETY: OpenBLAS returns a static string that ends with a NUL byte.
         unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
@@ -50,7 +50,7 @@ impl ThreadedKernels for OpenBlas {
     fn with_threads(threads: usize) -> Self {
         let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. The lock keeps other callers
-        // from changing the number meanwhile.
+        // from changing the number in the meantime.
         let threads_before = unsafe {
             let before = openblas_get_num_threads();
             openblas_set_num_threads(threads.clamp(1, 1024) as c_int);
@@ -91,7 +91,7 @@ impl ThreadedKernels for OpenBlas {
 
     fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize) {
         let k = c.columns();
-        assert_eq!(c.rows(), k, "a triangle");
+        assert_eq!(c.rows(), k, "the triangle must be square");
         assert_extent(out, rows, k, leading);
         // SAFETY: the assertions have checked the extent of `out`, and `Matrix` has checked the extent of the triangle.
         unsafe {

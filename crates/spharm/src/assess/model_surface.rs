@@ -51,7 +51,7 @@ pub(crate) struct ReadSurface {
 }
 
 impl ReadSurface {
-    /// Keeps the triangles of a sphere that have no corner marked in `unread`.
+    /// Selects the triangles of a sphere that have no corner marked in `unread`.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>) -> Self {
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -75,8 +75,8 @@ const LEVELS: [u32; 2] = [4, 8];
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
 
-/// Distances are measured about a model's mean position if this position is farther from the origin, along an axis,
-/// than this multiple of the bounding box's size.
+/// Before distances are measured, a model's mean position is subtracted along each axis on which it is farther from the
+/// origin than this multiple of the bounding box's size.
 const FAR: f64 = 1000.0;
 
 /// An icosphere on which models of one degree are evaluated, to compare the models with their surfaces.
@@ -113,8 +113,8 @@ impl ModelSurface {
         let nodes = vertices(level);
         let transform = Transform::bytes(&params(max_degree), nodes, 3).ok()?;
         let triangles = faces.max(2 * nodes);
-        // Points are placed at the vertices, which are about half as many as the triangles, and in the triangles: at
-        // least one point in each triangle, and more points in large triangles.
+        // There is one point at each vertex (about half as many vertices as triangles), at least one point in each
+        // triangle, and more points in large triangles.
         let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles + triangles / 2;
         // A mesh takes 48 bytes per vertex. The memory holds the icosphere, the model's mesh and its values, and the
         // surface.
@@ -131,7 +131,7 @@ impl ModelSurface {
     }
 
     /// Returns the distances between the model with `coefficients` (K, 3) and the surface with `vertices` (n, 3) and
-    /// the triangles of `read`. Returns `None` if the surface has no area or its bounding box has no volume.
+    /// the triangles selected in `read`. Returns `None` if the surface has no area or its bounding box has no volume.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -142,7 +142,7 @@ impl ModelSurface {
     ) -> Result<Option<SurfaceDistances>, Error> {
         let Some(scale) = scale else { return Ok(None) };
         // The transform's errors are proportional to the largest coefficients. Far from the origin, these are the
-        // coefficients of the model's position. Therefore the mean position is subtracted from the model and the
+        // coefficients of the model's position. Therefore the mean position is subtracted from both the model and the
         // surface before distances are measured.
         let mean: [f64; 3] = std::array::from_fn(|k| {
             let value = coefficients[[0, k]] / (4.0 * PI).sqrt();

@@ -8,14 +8,14 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// The number of triangle centres times the number of basis functions is limited to this number, so that the evaluation
-/// takes only some hundredths of a second up to degree 300.
+/// Maximum of the number of triangle centres times the number of basis functions. With this maximum, the evaluation
+/// takes only a few hundredths of a second up to degree 300.
 const WORK: usize = 20_000_000;
 /// Minimum and maximum number of triangle centres.
 const PLACES: [usize; 2] = [200, 2000];
 /// A model is reported as oscillating if its rms distance at the triangle centres is more than `OSCILLATION` times its
 /// rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. The
-/// distances between a smooth model and the flat triangles are below at least one of these limits.
+/// distances between a smooth model and the flat triangles don't exceed both limits.
 const OSCILLATION: f64 = 10.0;
 /// A model is reported as oscillating only if its rms distance at the triangle centres is more than this multiple of
 /// the rms of the triangles' longest edges; see [`OSCILLATION`].

@@ -97,7 +97,7 @@ impl GuideLandmarks {
             return Verdict::Undetermined;
         }
         // Landmarks in a plane don't distinguish a body from its mirror image. For such landmarks, the pose computed
-        // from the surfaces decides about a reflection.
+        // from the surfaces determines whether the member is reflected.
         let by_landmarks = if in_a_plane(own) || in_a_plane(theirs) {
             let before = if found.mirrors() { Similarity::reflection() } else { Similarity::default() };
             let own: Vec<Vec3> = own.iter().map(|point| before.apply(*point)).collect();

@@ -41,8 +41,9 @@ pub struct NewMember {
 /// Number of members whose distances from the mean are compared with the distance of a new member.
 const USUAL: usize = 8;
 
-/// Subdivisions of the icosphere at which models are compared with surfaces. With coarser triangles, such as those
-/// between the directions of a group of low degree, the models would be smaller than their surfaces.
+/// Number of subdivisions of the icosphere on which models are evaluated for comparisons with surfaces. With coarser
+/// triangles, such as those between the directions of a group of low degree, the models would be smaller than their
+/// surfaces.
 const FINE: u32 = 5;
 
 /// Data of a group, prepared once for all new members.
@@ -200,8 +201,8 @@ impl Joining {
             // All poses of the mirror image are searched, so the best of them is compared with the best of all poses of
             // the surface.
             let mirrored = searched(&Similarity::reflection().apply_mesh(surface))?;
-            // A surface that is much farther from the mean than the group's members may be nearer to it by chance when
-            // it is mirrored. Its mirror image must therefore be much nearer to cause a warning.
+            // If a surface is much farther from the mean than the group's members are, its mirror image may be nearer
+            // to the mean by chance. It must therefore be much nearer to cause a warning.
             let nearer = if far.is_some() { 1.0 / CLOSE } else { NEARER_MIRRORED };
             if mirrored < nearer * best {
                 return warnings(GroupPoseWarning::Mirrored { member: 0, distance: best, mirrored });
@@ -248,7 +249,7 @@ impl FromMean {
     }
 
     /// Returns the first of the model's two distances that is much larger than usual, and the corresponding usual
-    /// distance. Returns `None` if neither distance is.
+    /// distance. Returns `None` if neither distance is much larger.
     fn far(&self, usual: &Self) -> Option<(f64, f64)> {
         let pairs = [(self.own, usual.own), (self.at_one_size, usual.at_one_size)];
         pairs.into_iter().find(|(distance, usual)| *usual > 0.0 && *distance > OF_ANOTHER_KIND * usual)

@@ -21,14 +21,14 @@ const FAR: f64 = 0.02;
 /// Landmarks aren't compared if they are farther from their member's surface than this fraction of the mean surface's
 /// extent.
 const OFF: f64 = 0.05;
-/// Landmarks are swapped if exchanging names multiplies their distances from their usual places by at most this value.
+/// Two landmarks are treated as swapped if exchanging their names reduces their distances from their usual places to
+/// this fraction or less.
 const MENDED: f64 = 0.3;
-/// In groups of fewer members, landmarks aren't compared with their usual places, because median distances over so few
-/// members are often much too small.
+/// Minimum number of members for comparing landmarks with their usual places. With fewer members, median distances are
+/// often much too small.
 const LEAST: usize = 4;
-/// A wrong pose is considered only if the member's number of landmarks is at least the first number, and its number of
-/// landmarks at unusual places is at least the second number. With fewer landmarks, an exchange of names may look like
-/// a rotation.
+/// Minimum number of a member's landmarks, and of those at unusual places, for a wrong pose to be considered. With
+/// fewer landmarks, an exchange of names may look like a rotation.
 const OF_POSE: [usize; 2] = [4, 3];
 /// Maximum number of landmarks that a message lists.
 const LISTED: usize = 5;
@@ -102,15 +102,15 @@ impl MisplacedLandmarks {
                  landmarks (--guide, in Python guide=True)"
             ),
             LandmarkCause::Guiding => format!(
-                "landmarks far from the positions that the other landmarks give: {far}; the largest distance is \
+                "landmarks far from the positions predicted by the other landmarks: {far}; the largest distance is \
                  {distance} (median: {usual}); check the names and positions of the landmarks on this surface and on \
                  the template"
             ),
         }
     }
 
-    /// Merges `more`, a warning about swapped landmarks of the same member. Swapped landmarks are removed from the list
-    /// `far`.
+    /// Merges `more`, a warning about swapped landmarks of the same member, into this warning. Swapped landmarks are
+    /// removed from the list `far`.
     fn add_swaps(&mut self, more: Self) {
         let named = |k: &usize| more.far.contains(k) || more.swapped.iter().flatten().any(|swapped| swapped == k);
         let rest = self.far.iter().copied().filter(|k| !named(k));
@@ -136,7 +136,7 @@ impl Group {
     /// `landmarks` has the p landmarks of each member, in the member's own frame. Returns a warning for each member
     /// with landmarks that are much farther from their usual places than on most members. Landmarks far from their
     /// surfaces aren't compared. In a group of fewer than four members, returns at most one warning about swaps, which
-    /// may be of any member. If there are no other warnings, returns warnings about guiding landmarks that the other
+    /// may concern any member. If there are no other warnings, returns warnings about guiding landmarks that the other
     /// guiding landmarks contradict.
     ///
     /// # Errors

@@ -75,13 +75,13 @@ pub struct Group {
     /// For each member and each of the n directions, whether the template's point in this direction has a counterpart
     /// on the member. Without a counterpart, the corresponding point is a guess.
     pub reached: Vec<Vec<bool>>,
-    /// The group's data that are needed to add new members.
+    /// Data needed to add new members to the group.
     pub template: GroupTemplate,
     /// Report on the correspondence.
     pub report: CorrespondReport,
 }
 
-/// Data of a group that are needed to add new members.
+/// Data needed to add new members to a group.
 #[derive(Debug, Clone)]
 pub struct GroupTemplate {
     /// The sphere of all members' models, with triangles.

@@ -10,7 +10,7 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// A warning is given if a larger share of a member's area than this lacks a counterpart on the template.
+/// A warning is given if the share of a member's area without a counterpart on the template exceeds this value.
 pub(super) const UNREACHED: f64 = 0.02;
 
 /// Two surfaces are treated as the same if they differ by at most this fraction in area and in volume.

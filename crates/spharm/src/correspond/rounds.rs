@@ -22,7 +22,7 @@ use super::together::{mean as mean_of, mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// A warning is given if more than this share of the template's directions have no counterpart on a member.
+/// A warning is given if the share of the template's directions without a counterpart on a member exceeds this value.
 const LACKING: f64 = 0.05;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
@@ -157,8 +157,8 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             turn_by_landmarks(&landmarks, params, &surfaces, &mut found);
         }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
-        // Points of members at one size can't be compared with points of members at their own sizes, so one size is
-        // used only if it applies to all members.
+        // Points of members scaled to one size can't be compared with points of members at their own sizes, so either
+        // all members are scaled or none.
         let explained = found.at_one_size.iter().flatten().count();
         let all = explained + 1 == surfaces.len();
         let frames = found.similarities.iter().zip(&found.at_one_size);

@@ -1,5 +1,4 @@
-//! Adds signals on the surfaces, such as thickness, to the channels of the refinement, which are positions and
-//! normals.
+//! Adds signals on the surfaces, such as thickness, to the channels that the refinement matches, positions and normals.
 //!
 //! The value of a signal at a corresponding point is interpolated at the nearest point of the member's surface. These
 //! values are scaled, and fitted over the group's sphere. After scaling, a signal's standard deviation over the area of

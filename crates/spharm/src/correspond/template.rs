@@ -10,8 +10,8 @@ use spharm_surface::topology::area;
 use crate::Error;
 use crate::parametrize::parametrize_with;
 
-/// The map to the sphere is made for models of at least this degree, even if the group's models have lower degrees, so
-/// that enough directions lie on thin parts.
+/// Lowest degree for which the template is mapped to the sphere, even if the group's models have a lower degree. With a
+/// lower value, too few directions might lie on thin parts.
 const DEGREE: usize = 40;
 /// Points at this distance or more from the original surface are treated as lying on a cut or a filled hole. The
 /// distance is relative to the square root of the surface's area.
@@ -29,8 +29,8 @@ pub struct MappedTemplate {
 }
 
 impl MappedTemplate {
-    /// Repairs and maps a surface, cutting handles, and resamples it at the icosphere's directions. The vertices of the
-    /// result lie on the repaired surface.
+    /// Repairs a surface, cuts its handles, maps it to the sphere, and resamples it at the icosphere's directions. The
+    /// vertices of the result lie on the repaired surface.
     ///
     /// # Errors
     ///

@@ -12,8 +12,8 @@ use crate::{Error, FitParams, Method};
 
 /// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
 ///
-/// The memory plan of a method over a store depends on the store, so this function doesn't check these methods.
-/// [`FitParams::check_over`] checks them.
+/// The memory plan of a method over a store depends on the store, so such methods aren't checked here but by
+/// [`FitParams::check_over`].
 ///
 /// # Errors
 ///
@@ -28,8 +28,8 @@ impl FitParams {
     ///
     /// # Errors
     ///
-    /// The errors of [`check_memory`]. For a method over a store, also the errors of the store or of the memory budget
-    /// with which a fit of `surfaces` surfaces would fail before its first pass.
+    /// The errors of [`check_memory`]. For a method over a store, also the errors that a fit of `surfaces` surfaces
+    /// would return before its first pass, because of the store or the memory budget.
     pub fn check_over(&self, sphere: &Sphere, surfaces: usize) -> Result<(), Error> {
         if self.method.blocks().is_none() {
             return check_sizes(sphere.directions.len(), sphere.faces.len(), self);

@@ -151,7 +151,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         .map_err(|error| refused(error, "stderr", moments))?;
     let squares = found.residual_squares.iter().zip(&found.lost).filter(|(_, lost)| !**lost).map(|(sum, _)| sum);
     let amplified = FitWarning::of_amplified(&found.report, squares.sum::<f64>() / sums.weight);
-    // Look for a factor now, because denoising adds the times of its own fits to the report.
+    // Check for a factor before denoising, which adds the times of its own fits to the report.
     let has_factor = found.report.seconds.factor > 0.0;
     let (mut denoised, relative_noise) = match params.denoise {
         true => denoise(&problem, &solver, params, &mut found, moments, monitor)?,
@@ -332,7 +332,7 @@ mod tests {
     use super::*;
     use crate::Preconditioner;
 
-    /// A monitor that records the notes for all users.
+    /// A monitor that records the notes of level `Info`.
     #[derive(Default)]
     struct Notes(Mutex<Vec<String>>);
 

@@ -89,8 +89,7 @@ fn basis(job: &mut Job<'_>) -> Result<(DiskOperator, Blocks), Error> {
     }
 }
 
-/// Chooses the settings of iterative residual fitting that stay within the memory budget and read the least of the
-/// basis.
+/// Chooses settings of iterative residual fitting that read as little of the basis as the memory budget allows.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,

@@ -43,8 +43,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // The search for a smoothness fits additional columns. If the size of the moments can't be determined, the moments
-    // can't be computed, so treat the size as infinite.
+    // The search for a smoothness fits additional columns. If no size is returned, the moments can't be computed, so
+    // treat their size as infinite.
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
@@ -355,7 +355,7 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // If the size of the matrix can't be computed, the matrix can't be computed either.
+        // If no size is returned, the matrix can't be computed and needs no memory.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,

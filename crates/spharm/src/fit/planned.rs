@@ -37,7 +37,7 @@ pub struct PlannedSphere {
     operator: MatrixFreeOperator,
     /// Moments of the last fit that computed moments.
     moments: Mutex<Option<KeptMoments>>,
-    /// Transforms for moments, created when moments are computed for the second time, with other weights.
+    /// Transforms for moments, created when moments are computed for the second time, for example with other weights.
     with_moments: OnceLock<MatrixFreeOperator>,
     key: OnceLock<SchemeKey>,
 }
@@ -83,8 +83,8 @@ impl PlannedSphere {
         if let Some(key) = self.key.get() {
             return *key;
         }
-        // Compute the key before the cell is initialised. Within the initialisation, a thread that waits for other
-        // threads' parts of the hash may take up another fit, which would wait for the cell: a deadlock.
+        // Compute the key before initialising the cell. During the initialisation, a thread that waits for other
+        // threads' parts of the hash might start another fit, which would wait for the cell: a deadlock.
         let key = SchemeKey::of(&self.sphere.directions, Scalar::F64);
         *self.key.get_or_init(|| key)
     }
@@ -187,7 +187,8 @@ mod tests {
             assert!(most < 10.0 * params.tolerance, "{most:e}");
         }
     }
-    /// A factor needs no moments: it takes the same steps and the same memory as if there were none.
+    /// A fit with a factor needs no moments: it takes the same steps and the same memory whether or not moments are
+    /// kept.
     #[test]
     fn moments_do_not_change_fits_that_need_none() {
         let ((fresh, signal), (planned, _)) = (problem(), problem());

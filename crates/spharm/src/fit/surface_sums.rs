@@ -174,9 +174,9 @@ impl<'a> SurfaceSums<'a> {
         }
     }
 
-    /// Returns the sums over the samples, for targets that are each given by their range of columns in the batch and by
-    /// their values at the vertices. Weights are scaled to the sum of the vertices' weights, so that a penalty has the
-    /// same meaning for a surface as for its vertices.
+    /// Returns the sums over the samples. Each target is given by its range of columns in the batch and its values at
+    /// the vertices. Weights are scaled to the sum of the vertices' weights, so that a penalty has the same meaning for
+    /// a surface as for its vertices.
     pub(crate) fn of(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

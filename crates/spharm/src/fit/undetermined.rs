@@ -51,6 +51,6 @@ fn is_concentrated(moments: &[f64], max_degree: usize) -> bool {
 
 /// Returns whether a fit recovers known coefficients from the same samples.
 fn recovers(problem: &MomentProblem, solver: &LsqParams, monitor: &dyn Monitor) -> Result<bool, Error> {
-    monitor.note(Level::Info, format_args!("checks whether the samples determine the fit"));
+    monitor.note(Level::Info, format_args!("checking whether the samples determine the fit"));
     determined(problem, solver, &OnlyCancel(monitor)).map_err(Error::from)
 }

@@ -136,7 +136,7 @@ struct Published {
     built: usize,
     /// Number of files that another builder published first.
     by_others: usize,
-    /// Bytes of the files built here.
+    /// Total size in bytes of the files that this build published.
     bytes: u64,
 }
 

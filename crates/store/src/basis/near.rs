@@ -11,7 +11,7 @@ use crate::error::StoreError;
 use crate::folder;
 use crate::scheme::SchemeKey;
 
-/// Differences between coordinates are ascribed to rounding if they are below this value.
+/// Differences between coordinates are attributed to rounding if they are below this value.
 const ROUNDING: f64 = 1e-6;
 
 /// Returns the first of the schemes `keys` whose directions equal `directions` up to rounding, and the largest

@@ -137,7 +137,7 @@ pub(crate) struct Footer {
     pub(crate) entries: u64,
     /// Length of the file in bytes.
     pub(crate) file_len: u64,
-    /// BLAKE3 hash of header and table. The table holds the hashes of the parts, so this hash covers the entire
+    /// BLAKE3 hash of the header and the table. The table holds the hashes of the parts, so this hash covers the entire
     /// contents.
     pub(crate) root: [u8; 32],
 }

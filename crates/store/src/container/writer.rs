@@ -1,5 +1,5 @@
-//! Writes a file: parts in any order, then header, table and footer; finally renames the temporary file to its final
-//! name.
+//! Writes a file: parts in any order, then the header, table and footer; finally renames the temporary file to its
+//! final name.
 //!
 //! A file is valid if its footer passes all checks and it has its final name. Before that, it has a temporary name,
 //! which readers ignore. If an error occurs, the temporary file is removed; see "Writing" in `store-format.md`.
@@ -61,9 +61,9 @@ impl ContainerWriter {
         Ok(())
     }
 
-    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's length
-    /// in bytes. If another process has already published a file under that name, checks and keeps the other file, and
-    /// returns `None`.
+    /// Writes the header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's
+    /// length in bytes. If another process has already published a file under that name, checks and keeps the other
+    /// file, and returns `None`.
     ///
     /// Panics if a part wasn't written.
     pub(crate) fn publish<C: Contents>(self, contents: &C) -> Result<Option<u64>, StoreError> {

@@ -119,7 +119,7 @@ impl FactorWriter {
         let (file, offset) = match (&self.scratch, self.header.scalar) {
             (Some(scratch), _) => (scratch, self.scratch_offset(at)),
             (None, Scalar::F64) => (self.file.file(), self.offsets[at]),
-            (None, Scalar::F32) => panic!("started without read_back"),
+            (None, Scalar::F32) => panic!("reading back an f32 factor requires read_back"),
         };
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
         platform::read_exact_at(file, bytes, offset).map_err(StoreError::io(self.file.path(), "cannot read back"))
@@ -143,8 +143,9 @@ impl FactorWriter {
         }
     }
 
-    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's length
-    /// in bytes. If another builder has published the same factor first, keeps that builder's file and returns `None`.
+    /// Writes the header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's
+    /// length in bytes. If another builder has published the same factor first, keeps that builder's file and returns
+    /// `None`.
     ///
     /// # Errors
     ///

@@ -37,7 +37,7 @@ pub(crate) fn open_lock(path: &Path, write: bool) -> io::Result<File> {
     OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(path)
 }
 
-/// Reads bytes from `offset` on into `buffer`, and returns the number of bytes read.
+/// Reads bytes starting at `offset` into `buffer`, and returns the number of bytes read.
 pub(crate) fn read_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
     file.read_at(buffer, offset)
 }

@@ -42,8 +42,8 @@ fn with_patience<T>(passing: &[i32], mut call: impl FnMut() -> io::Result<T>) ->
     }
 }
 
-/// Opens a regular file for reading, without following a symbolic link. While the file is open, nobody can write to it.
-/// If the path names something else, the inner error names its kind.
+/// Opens a regular file for reading, without following a symbolic link. While the file is open, no process can write to
+/// it. If the path names something else, the inner error names its kind.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
     let open = |flags: u32| {
         let mut options = OpenOptions::new();
@@ -71,7 +71,7 @@ pub(crate) fn open_lock(path: &Path, write: bool) -> io::Result<File> {
     OpenOptions::new().read(true).write(write).create(write).truncate(false).custom_flags(NO_FOLLOW).open(path)
 }
 
-/// Reads bytes from `offset` on into `buffer`, and returns the number of bytes read.
+/// Reads bytes starting at `offset` into `buffer`, and returns the number of bytes read.
 pub(crate) fn read_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
     with_patience(&[LOCK_VIOLATION], || file.seek_read(buffer, offset))
 }
@@ -142,8 +142,8 @@ pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
 /// Does nothing: new files inherit the permissions of their folder.
 pub(crate) fn with_usual_rights(_builder: &mut tempfile::Builder<'_, '_>) {}
 
-/// Replaces the guard of Unix, and does nothing: a file that the store has open can't be truncated, so its map always
-/// has all pages.
+/// Stands in for the guard of Unix, and does nothing: a file that the store has open can't be truncated, so its map
+/// always has all pages.
 #[derive(Debug)]
 pub(crate) struct FaultGuard;
 

@@ -135,7 +135,7 @@ pub fn cortex_bytes(subdivisions: u32) -> u64 {
 /// Returns a folded surface in mm (RAS) and the unit sphere that parameterises it, with the same triangles.
 ///
 /// Results are reproducible on one machine. Results of different machines may differ in the last bits, because the sine
-/// function is that of the C library.
+/// function comes from the C library.
 ///
 /// # Panics
 ///

@@ -108,7 +108,7 @@ fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -
             if j[axis] == counts[axis] || i[u] == 0 || i[v] == 0 || inside[number(i)] == inside[number(j)] {
                 continue;
             }
-            // The four cells around the grid edge from i to j, counter-clockwise seen from j.
+            // The four cells around the grid edge from i to j, counter-clockwise when seen from j.
             let cell = |du: usize, dv: usize| {
                 let mut cell = i;
                 (cell[u], cell[v]) = (cell[u] - du, cell[v] - dv);

@@ -45,7 +45,7 @@ const SHIFT: f64 = 50.0;
 
 impl Study {
     /// Returns subject `index` of the first group, or of the second group if `second` is true, wound outwards. Results
-    /// are reproducible bit by bit.
+    /// are reproducible bit for bit.
     pub fn subject(&self, index: u64, second: bool) -> Mesh {
         let sphere = icosphere(self.subdivisions);
         // Each subject has its own seed, so that the random sequences of different subjects don't overlap.

@@ -7,11 +7,11 @@ use crate::mesh::Mesh;
 
 /// Splits each triangle in four at the midpoints of its edges. The surface as a set of points doesn't change.
 ///
-/// The vertices of `mesh` come first, in their order, then a midpoint for each edge, in the order in which the
-/// triangles first use the edges. The order depends only on the triangles. If a surface is split by this function and
-/// its sphere by [`subdivide_sphere`], the results therefore correspond vertex by vertex.
+/// The vertices of `mesh` come first, in their original order, followed by a midpoint for each edge, in the order in
+/// which the triangles first use the edges. The order depends only on the triangles. If a surface is split by this
+/// function and its sphere by [`subdivide_sphere`], the results therefore correspond vertex by vertex.
 ///
-/// From a closed surface of genus zero with n vertices, the result has 4 n - 6 vertices.
+/// For a closed surface of genus zero with n vertices, the result has 4 n - 6 vertices.
 ///
 /// # Panics
 ///

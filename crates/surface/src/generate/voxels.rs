@@ -22,7 +22,8 @@ const NUDGE: [f64; 2] = [1.7e-7, 2.9e-7];
 
 impl Voxels {
     /// Returns the voxels of edge length `size` whose centres are inside a closed mesh. The line along z through a
-    /// centre is inside the mesh between its first and second crossing, its third and fourth, and so on.
+    /// centre is inside the mesh between its first and second crossings of the mesh, between its third and fourth, and
+    /// so on.
     ///
     /// # Panics
     ///

@@ -113,8 +113,8 @@ fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     if numbered && first != -2 {
         return Err(Flaw::new("a colour table of version 2", format!("version {}", -i64::from(first))));
     }
-    // The newer version begins with the largest region number. The number of regions follows the name of the file from
-    // which the table was read.
+    // The newer version begins with the largest region number, followed by the name of the file from which the table
+    // was read, and then the number of regions.
     let mut count = if numbered { whole(cursor, "a number of regions")? } else { u64::from(first.unsigned_abs()) };
     text(cursor)?;
     if numbered {

@@ -39,7 +39,7 @@ impl Meta {
         noted.or_else(by_space)
     }
 
-    /// Removes the statement about the axes, which a rotated mesh no longer has.
+    /// Removes the statement about the axes, for example because it no longer holds after a rotation.
     pub(crate) fn forget_axes(&mut self) {
         self.file_metadata.retain(|(name, _)| name != NAME);
     }

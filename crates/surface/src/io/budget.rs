@@ -1,5 +1,5 @@
-//! Limits the memory for contents that can be much larger than their file, because of compression or because a part is
-//! placed many times.
+//! Limits the memory for contents that can be much larger than their file, because the file is compressed or because a
+//! part of it is used many times.
 
 use super::flaw::Flaw;
 use crate::room::{Bytes, check_room, most_expanded};
@@ -23,8 +23,8 @@ impl Budget {
         self.left
     }
 
-    /// Takes `bytes` from the budget, before memory is allocated for them. `what` is the beginning of the error
-    /// message, such as "shapes of".
+    /// Takes `bytes` from the budget, before memory is allocated for them. `what` precedes "more than LIMIT" in the
+    /// error message, such as "shapes of".
     pub(super) fn spend(&mut self, bytes: u64, what: &str) -> Result<(), Flaw> {
         match self.left.checked_sub(bytes) {
             Some(left) => self.left = left,

@@ -10,7 +10,7 @@ use crate::room::{NoRoom, check_room};
 pub(super) enum Flaw {
     /// The bytes violate the format.
     Malformed { expected: String, found: String },
-    /// The bytes conform to the format but use a part of it that isn't supported.
+    /// The bytes conform to the format but use an unsupported feature of it.
     Unsupported { found: String, remedy: &'static str },
     /// Reading the contents needs more memory than is free.
     NoRoom(NoRoom),

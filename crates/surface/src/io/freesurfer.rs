@@ -132,7 +132,7 @@ pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -
     }
 }
 
-/// Writes a curv file. Its number of triangles, which no reader uses, is set as for a closed surface of genus zero.
+/// Writes a curv file. Its number of triangles, which no reader uses, is set to that of a closed surface of genus zero.
 pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&CURV_MAGIC)?;
     write_i32(out, signal.vertices)?;

@@ -29,8 +29,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     loop {
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between the creation of the file and the lock, another process removed the file as a leftover. Another
-            // attempt follows.
+            // Between the creation of the file and the lock, another process removed the file as a leftover, so try
+            // again.
             Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),

@@ -6,10 +6,10 @@
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | as read |
 //! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
 //! | Wavefront | `.obj` | polygons, negative indices, continued lines | ASCII |
-//! | Stanford | `.ply` | ASCII, both binaries, polygons, strips | little-endian binary |
+//! | Stanford | `.ply` | ASCII, binary of both byte orders, polygons, strips | little-endian binary |
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
-//! | VTK legacy | `.vtk` | PolyData, grids of surface cells, ASCII and binary, to 5.1 | ASCII |
+//! | VTK legacy | `.vtk` | PolyData, grids of surface cells, ASCII and binary, up to version 5.1 | ASCII |
 //! | VTK XML | `.vtp`, `.vtu` | PolyData, grids of surface cells, all encodings but LZMA | `.vtp`: zlib, 64 bits |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
@@ -123,7 +123,7 @@ pub struct WriteOptions {
 /// file; [`NotAMesh`](SurfaceError::NotAMesh) if the file holds a signal; [`VolumeInput`](SurfaceError::VolumeInput) if
 /// it holds a volume; [`EmptyFile`](SurfaceError::EmptyFile) or [`UnknownFormat`](SurfaceError::UnknownFormat) if its
 /// format can't be determined; [`Malformed`](SurfaceError::Malformed) if it violates its format;
-/// [`Unsupported`](SurfaceError::Unsupported) if it uses an unsupported part of its format;
+/// [`Unsupported`](SurfaceError::Unsupported) if it uses an unsupported feature of its format;
 /// [`NoRoom`](SurfaceError::NoRoom) if memory is insufficient; [`Empty`](SurfaceError::Empty),
 /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) or
 /// [`TooLarge`](SurfaceError::TooLarge) if the contents aren't a valid surface. [`Topology`](crate::topology::Topology)

@@ -10,7 +10,7 @@ use crate::npy::{Header, MAGIC};
 /// Name of the format in messages.
 pub(super) const NAME: &str = "a NumPy array";
 
-/// Returns whether the bytes begin like an array, which may be a volume.
+/// Returns whether the bytes begin like a NumPy file. Its array may be a volume.
 pub(super) fn is_array(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }

@@ -1,4 +1,4 @@
-//! Represents affine maps, by which nodes (glTF, VRML) and components (3MF) place the parts of a scene.
+//! Represents the affine maps by which nodes (glTF, VRML) and components (3MF) place the parts of a scene.
 
 /// An affine map. Row k has the three factors and the shift that give coordinate k of the image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +54,7 @@ impl Placement {
     }
 
     /// Moves the vertices. If the map contains a reflection, also reverses the triangles, so that their outer side
-    /// stays the same. The identity changes no bit.
+    /// stays the same. The identity leaves every bit unchanged.
     pub(super) fn place(&self, vertices: &mut [[f64; 3]], faces: &mut [[u32; 3]]) {
         if *self == Self::IDENTITY {
             return;

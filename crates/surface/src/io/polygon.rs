@@ -79,10 +79,10 @@ pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     true
 }
 
-/// Cuts a polygon, given as a fan of triangles, anew into the same number of triangles, so that the result has no
-/// folds. Folds are detected in the plane perpendicular to the polygon's normal (Newell's method). Returns `None` if
-/// the fan has no folds, if the polygon has too many corners, or if no cut without folds is found, as for polygons that
-/// cross themselves.
+/// Cuts a polygon that is given as a fan of triangles into the same number of other triangles, without folds. Folds are
+/// detected in the plane perpendicular to the polygon's normal (Newell's method). Returns `None` if the fan has no
+/// folds, if the polygon has too many corners, or if no cut without folds is found, as for polygons that cross
+/// themselves.
 fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
     let place = |[a, b, c]: [u32; 3]| {
         let at = |v: u32| vertices.get(v as usize).copied();
@@ -156,7 +156,8 @@ mod tests {
     const L: [Vec3; 6] =
         [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 2.0, 0.0]];
 
-    /// Returns the triangles of a polygon, whose corners are the vertices from `start` on, and their areas.
+    /// Returns the triangles of a polygon and their areas. The polygon's corners are all vertices in order, starting at
+    /// `start`.
     fn cut(vertices: &[Vec3], start: u32) -> (Vec<[u32; 3]>, Vec<f64>) {
         let count = vertices.len() as u32;
         let corners: Vec<u32> = (0..count).map(|k| (start + k) % count).collect();
@@ -216,7 +217,7 @@ mod tests {
         let mut faces = Vec::new();
         assert!(strip(&[0, 1, 2, 3, 4], &mut faces));
         assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [2, 3, 4]]);
-        // The same quadrangles are given as two strips that are joined by repeated corners.
+        // Two strips of two triangles each are joined by repeated corners.
         faces.clear();
         assert!(strip(&[0, 1, 2, 3, 3, 4, 4, 5, 6, 7], &mut faces));
         assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7]]);

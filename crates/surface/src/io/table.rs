@@ -120,7 +120,7 @@ fn is_missing(cell: &[u8]) -> bool {
 }
 
 /// Returns whether the first line of a table has column names. This is the case if a cell is neither a number nor a
-/// missing value, or if the first cell is empty, because an empty name is that of an index column.
+/// missing value, or if the first cell is empty, because an empty name is typical of an index column.
 fn is_header(line: &[u8], separator: u8) -> bool {
     let is_value = |cell: &[u8]| number::<f64>(cell).is_some() || is_missing(cell);
     cells(line, separator).next().is_some_and(<[u8]>::is_empty) || !cells(line, separator).all(is_value)
@@ -133,8 +133,8 @@ fn names(bytes: &[u8], separator: u8) -> Vec<String> {
     cells(line, separator).map(name).collect()
 }
 
-/// Returns whether a column's name is usual for a column of row numbers. Pandas and R leave this name empty, and pandas
-/// reads an empty name as `Unnamed: 0`.
+/// Returns whether a column's name is typical of a column of row numbers. Pandas and R leave this name empty, and
+/// pandas reads an empty name as `Unnamed: 0`.
 fn is_index(name: &str) -> bool {
     names_vertices(name)
         || ["index", "id", ""].contains(&name.to_lowercase().as_str())
@@ -171,14 +171,14 @@ fn counts_rows(signal: &Signal, column: usize, name: &str) -> Result<bool, Flaw>
     Ok(false)
 }
 
-/// Leaves out the column at an index.
+/// Returns the signal without the column at index `column`.
 fn without_column(signal: Signal, column: usize) -> Signal {
     let Signal { values, vertices, channels } = signal;
     let kept = values.into_iter().enumerate().filter(|(i, _)| i % channels != column).map(|(_, x)| x).collect();
     Signal { values: kept, vertices, channels: channels - 1 }
 }
 
-/// Facts about a table's columns that its values don't contain. They are empty for other files.
+/// Facts about a table's columns that its values don't contain. They are empty for files that aren't tables.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Columns {
     /// Names of the columns of values; empty if the table has no header.
@@ -274,8 +274,8 @@ mod tests {
             assert_eq!(columns.names, ["a"], "{text}");
             assert_eq!(columns.index, left_out, "{text}");
         }
-        // Both names are usual for row numbers, but only the second column has row numbers. The first column is kept as
-        // values.
+        // Both names are typical of row numbers, but only the second column has row numbers. The first column is kept
+        // as values.
         let (signal, columns) = read_columns(b"id,vertex\n9,0\n9,1\n", b',').unwrap();
         assert_eq!(signal.values, [9.0, 9.0]);
         assert_eq!(columns.names, ["id"]);

@@ -44,7 +44,7 @@ impl Welder {
         Ok(number)
     }
 
-    /// Returns the mesh, in which every three corners form a triangle.
+    /// Returns the mesh, in which every three successive corners form a triangle.
     pub(super) fn finish(self) -> Mesh {
         let (faces, _) = self.corners.as_chunks();
         Mesh::new(self.vertices, faces.to_vec())
@@ -54,7 +54,7 @@ impl Welder {
 /// Merges the vertices of a mesh that lie at equal positions. The first of several vertices at the same position keeps
 /// its place in the order. A mesh without equal positions is unchanged.
 ///
-/// Triangles are kept even if two of their corners become the same vertex, as in the reader of STL. Indices must be in
+/// Triangles are kept even if two of their corners become the same vertex, as in the STL reader. Indices must be in
 /// range.
 pub(super) fn welded(mesh: Mesh) -> Result<Mesh, Flaw> {
     // The 72 bytes per vertex are for a position, its key, its number and the unused entries of the table.

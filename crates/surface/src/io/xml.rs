@@ -14,7 +14,7 @@ const DEEPEST: usize = 16;
 
 /// A part of a document.
 pub(super) enum Step<'s, 'a> {
-    /// An opening tag. An empty element is an opening and a closing tag.
+    /// An opening tag. An empty element is passed as an opening and a closing tag.
     Start(&'s Tag<'a>),
     /// A piece of text. Each character or entity reference is a separate piece.
     Text(Cow<'a, str>),

@@ -7,9 +7,9 @@
 //! # Sample points
 //!
 //! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
-//! Their centroids are the sample points and their areas the weights, so that mean and root mean square are integrals
-//! over the surface, computed by the midpoint rule. The largest distance is also measured at the vertices, because
-//! peaks occur at vertices. The method uses no random numbers.
+//! Their centroids are the sample points and their areas the weights, so the mean and the root mean square are
+//! integrals over the surface, computed by the midpoint rule. The largest distance is also measured at the vertices,
+//! because peaks occur at vertices. The method uses no random numbers.
 //!
 //! # Error bound
 //!
@@ -98,8 +98,8 @@ pub struct SurfaceDistance {
     pub scale: f64,
 }
 
-/// Returns mean, root mean square, 95th percentile and Hausdorff distance between two surfaces of any topology.
-/// Exchanging the surfaces changes only `scale`, `forward` and `backward`.
+/// Returns the mean, root mean square, 95th percentile and maximum (Hausdorff) distance between two surfaces of any
+/// topology. Exchanging the surfaces changes only `scale`, `forward` and `backward`.
 ///
 /// # Errors
 ///

@@ -15,7 +15,7 @@ use crate::mesh::Mesh;
 const APART: f64 = 5.0;
 /// Maximum number of vertices whose distances are compared, and of triangles whose edges are measured.
 const MEASURED: usize = 500;
-/// Distances below this share of the surface's scale are attributed to rounding.
+/// Distances below this fraction of the surface's scale are attributed to rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// Warning that the vertices of two meshes with the same triangles don't correspond.
@@ -34,9 +34,9 @@ impl Unpaired {
         super::distances_to_surface_bytes(faces, MEASURED)
     }
 
-    /// Returns a warning if two surfaces are much closer to each other than vertices with the same index, and these are
-    /// farther apart than neighbouring vertices. `distances` are the distances at the vertices that the mask keeps. Up
-    /// to 500 of these vertices are examined.
+    /// Returns a warning if vertices with the same index are much farther apart than the two surfaces are, and also
+    /// farther apart than neighbouring vertices of the original. `distances` are the distances at the vertices that the
+    /// mask keeps. Up to 500 of these vertices are examined.
     ///
     /// # Errors
     ///
@@ -53,7 +53,7 @@ impl Unpaired {
         let places: Vec<usize> = (0..taken).map(|k| kept[k * kept.len() / taken]).collect();
         let apart = |v: &usize| sub(original.vertices[*v], other.vertices[*v]);
         let paired = root_mean_square(places.iter().map(apart).map(length));
-        // Vertices of a fit slide along the surface by less than an edge.
+        // Even in a good fit, vertices may slide along the surface, but by less than the length of an edge.
         let step = original.faces.len().div_ceil(MEASURED).max(1);
         let edges = original.faces.iter().step_by(step).flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
         let edges = edges.map(|edge| edge.map(|v| original.vertices[v as usize])).map(|[a, b]| length(sub(a, b)));
@@ -85,8 +85,9 @@ impl fmt::Display for Unpaired {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "vertex by vertex, the rms is {}, but the surfaces are only {} apart: the vertices don't correspond; \
-             measure between the surfaces (--surface-distance, in Python surface_distance=True)",
+            "the rms distance between vertices with the same index is {}, but the surfaces are only {} apart: \
+             the vertices don't correspond; measure between the surfaces (--surface-distance, in Python \
+             surface_distance=True)",
             number(self.rms),
             number(self.between)
         )
@@ -115,7 +116,7 @@ mod tests {
         let half: Vec<bool> = ball.vertices.iter().map(|v| v[2] > 0.0).collect();
         assert!(found(&turned, Some(&half)).is_some());
         assert_eq!([found(&larger, None), found(&ball, None)], [None, None]);
-        // A vertex that was moved doesn't change the others.
+        // Moving a single vertex gives no warning, since the other vertices still correspond.
         let mut edited = ball.clone();
         edited.vertices[1] = [0.0, 0.0, 50.0];
         assert_eq!(found(&edited, None), None);

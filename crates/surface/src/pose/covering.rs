@@ -43,7 +43,7 @@ const CUBE: usize = 24;
 const SHARED: usize = 12;
 
 /// Returns the rotations of a cube and of an icosahedron, without repetition. The rotations of the cube come first,
-/// starting with those that the icosahedron has as well.
+/// starting with those that are also rotations of the icosahedron.
 fn group() -> Vec<Matrix3> {
     let mut quaternions: Vec<[f64; 4]> = Vec::with_capacity(72);
     for k in 0..4 {

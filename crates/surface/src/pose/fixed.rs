@@ -7,12 +7,13 @@ use super::{Pose, PoseParams, PoseSearch, PoseSurface, nearest, pose};
 use crate::mesh::Mesh;
 use crate::similarity::Similarity;
 
-/// Distances below this share of the fixed surface's size are treated as an exact fit, which no mirror image improves.
+/// Distances below this fraction of the fixed surface's size are treated as an exact fit, which no mirror image
+/// improves.
 const EXACT: f64 = 1e-3;
 
 impl Pose {
-    /// Returns the distance in this pose that is compared with distances in other poses, and the settings to search all
-    /// poses for those distances. If size explains the difference between the surfaces, the distances are those after
+    /// Returns the distance in this pose, for comparison with the best of all poses, and the settings of the search for
+    /// the best of all poses. If size explains the difference between the surfaces, both distances are those after
     /// scaling the moving surface to the size of the fixed one.
     #[must_use]
     pub fn compared(&self, params: &PoseParams) -> (f64, PoseParams) {
@@ -63,7 +64,7 @@ impl FixedSurface {
             return Ok((found, None));
         }
         let mirrored = nearest(moving, &self.mirrored, &any, monitor)?.distance;
-        // A single body may be somewhat nearer mirrored by chance.
+        // The mirror image of a single body may be somewhat nearer by chance, so a factor is required.
         let is_nearer = CLOSE * mirrored < distance;
         Ok((found, is_nearer.then_some(NearerMirrored { distance, mirrored })))
     }

@@ -95,7 +95,7 @@ pub struct Pose {
     /// more than [`DISTINCT`]. Infinite if all starts led to the same optimum, or if only poses near the given one were
     /// searched.
     pub second: f64,
-    /// The motion with the distance `second`, if such a motion was found.
+    /// The motion with the distance `second`, if a second-best pose was found.
     pub other: Option<Similarity>,
     /// The pose at the fixed surface's size, if size explains the difference between the surfaces; see [`at_one_size`].
     /// In this case, `similarity` is this pose with the moving surface scaled back to its own size about its centre.
@@ -136,7 +136,8 @@ struct Stage {
     /// Number of results that are candidates for the next stage.
     candidates: usize,
     /// Number of candidates that enter the next stage: those with the smallest distances, measured with the next
-    /// stage's points. In addition, the one with the smallest untrimmed distance among the others enters.
+    /// stage's points. In addition, the candidate with the smallest untrimmed distance among the remaining ones enters
+    /// the next stage.
     go_on: usize,
 }
 

@@ -85,8 +85,8 @@ pub(super) fn searched_at_one_size(
     Ok((best.distance < EXPLAINED * own).then_some(best))
 }
 
-/// Scales `moving` to the size of `fixed`, and improves the pose from `motion` on. Returns the local optimum that is
-/// reached, and the distance of the surfaces there.
+/// Scales `moving` to the size of `fixed`, and improves the pose, starting from `motion`. Returns the local optimum
+/// that is reached, and the distance of the surfaces there.
 fn settled(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, params: &PoseParams) -> (Similarity, f64) {
     improved(moving, fixed, &of_size(motion, moving, fixed), &PoseParams { scale: true, ..*params })
 }

@@ -122,9 +122,10 @@ impl PoseSurface {
     }
 }
 
-/// Returns the indices of `count` points that are spread as evenly as all points. Space is repeatedly halved along the
-/// longest side of the points' box into cells of equal numbers of points, and the point nearest to the mean of each
-/// cell is taken. Taking every n-th point would be even only if consecutive triangles were neighbours on the surface.
+/// Returns the indices of `count` points that are spread as evenly as the complete set of points. Space is repeatedly
+/// halved along the longest side of the points' box into cells of equal numbers of points, and the point nearest to the
+/// mean of each cell is taken. Taking every n-th point would be even only if consecutive triangles were neighbours on
+/// the surface.
 fn thinned(points: &[Vec3], count: usize) -> Vec<usize> {
     let mut indices: Vec<usize> = (0..points.len()).collect();
     let mut chosen = Vec::with_capacity(count);

@@ -23,7 +23,8 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     of_quaternion(q.map(|v| v / length))
 }
 
-/// Returns the largest distance of the vertices from their original positions, after `moved` and then `found`.
+/// Returns the largest distance of the vertices from their original positions, after the motion `moved` followed by the
+/// motion `found`.
 fn error(mesh: &Mesh, moved: &Similarity, found: &Similarity) -> f64 {
     let both = moved.then(found);
     let off = |v: &Vec3| dot(sub(both.apply(*v), *v), sub(both.apply(*v), *v)).sqrt();
@@ -193,7 +194,7 @@ fn a_group_comes_together_and_strangers_are_named() {
     let mut surfaces = Vec::new();
     let mut moved = Vec::new();
     for n in 0..6 {
-        // The last member is a ball, the others are lumps.
+        // The last member is a ball, and the others are lumps.
         let mesh = match n {
             5 => ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| 6.0 * x)).collect()),
             _ => {
@@ -216,8 +217,8 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert_eq!(far, [5], "{found:?}");
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
-    // The known motion, followed by the motion that was found, must be the same for all lumps. An error of 6 % of their
-    // size of 6 is allowed, because the lumps differ by 6 %.
+    // The known motion, followed by the motion that was found, must be the same for all lumps. An error of 6 % of the
+    // lumps' size (6) is allowed, because the widths of the two lumps compared differ by 6 %.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
     assert!(dot(off, off).sqrt() < 0.36, "{off:?}");

@@ -19,7 +19,8 @@ use crate::mesh::Mesh;
 pub use rims::{LARGEST_FAN, LEAST_AREA, WELDING_DISTANCE, bulk, rims};
 pub use wrap::Wrap;
 
-/// Descriptions of a repair state the dropped fins' share of the area if it is at least this value.
+/// The description of a repair gives the share of the area that the dropped fins had, if this share is at least this
+/// value.
 const LEAST_STATED: f64 = 0.01;
 
 /// The changes that a repair made.
@@ -211,8 +212,8 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     found.split = sheets::split(&mut vertices, &mut faces);
     let welded = found.welded;
     let (vertices, unused) = compact(&vertices, &mut faces);
-    // The vertices that were merged with others are unused, too. These vertices are subtracted, because they are
-    // counted as welded.
+    // Vertices that were merged with others are also unused. They are subtracted, because they are already counted as
+    // welded.
     found.unused = unused.saturating_sub(welded);
     let mut mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
     turn_closed_outward(&mut mesh, &mut found);

@@ -1,5 +1,5 @@
-//! Works on rims of holes, which are loops of edges with one triangle each: welds rims that nearly coincide, and fills
-//! small holes.
+//! Works on rims of holes, which are loops of edges that belong to only one triangle each: welds rims that nearly
+//! coincide, and fills small holes.
 
 use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -100,7 +100,7 @@ pub fn bulk(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// Welds vertices on rims that are nearer to each other than [`WELDING_DISTANCE`], as happens if a mesh was converted
+/// Welds vertices on rims that are nearer to each other than [`WELDING_DISTANCE`], as happens if a mesh was written
 /// with few digits. Returns the number of vertices merged with others.
 pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let open = open_edges(faces);
@@ -135,9 +135,9 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     place.len()
 }
 
-/// Fills holes, which are loops of edges with one triangle each. A loop of three edges is filled by one triangle, a
-/// loop of four by two, and a longer loop of up to [`LARGEST_FAN`] edges by a [`fan`] around the mean of its vertices,
-/// if the fan is a proper surface.
+/// Fills holes, which are bounded by loops of edges that belong to only one triangle each. A loop of three edges is
+/// filled by one triangle, a loop of four by two, and a longer loop of up to [`LARGEST_FAN`] edges by a [`fan`] around
+/// the mean of its vertices, if the fan is a proper surface.
 pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
     // Rims that meet at a vertex are separated by taking the shortest rim through each edge.
@@ -176,7 +176,7 @@ pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &
 /// Least area of a triangle, as a fraction of its longest edge squared. Thinner triangles have no accurate normal.
 pub const LEAST_AREA: f64 = 1e-9;
 
-/// Returns whether the corners of a triangle are on a line, as far as rounding can tell.
+/// Returns whether the corners of a triangle are on a line, up to rounding errors.
 fn has_no_area([a, b, c]: [Vec3; 3]) -> bool {
     let longest = [sub(a, b), sub(b, c), sub(c, a)].map(|edge| dot(edge, edge)).into_iter().fold(0.0, f64::max);
     let normal = face_normal([a, b, c]);
@@ -206,8 +206,8 @@ fn quad(vertices: &[Vec3], [a, b, c, d]: [u32; 4], taken: impl Fn(u32, u32) -> b
 }
 
 /// Fills a rim with a fan of triangles around the mean of its vertices, and returns the mean and the fan. The mean gets
-/// the next vertex number. Returns `None` if a triangle would have no area or would face against the other triangles.
-/// In this case, the hole remains open.
+/// the next vertex number. Returns `None` if a triangle would have no area, or would face in the opposite direction to
+/// the other triangles. In this case, the hole remains open.
 fn fan(vertices: &[Vec3], rim: &[u32]) -> Option<(Vec3, Vec<[u32; 3]>)> {
     let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, vertices[v as usize]));
     let middle = sum.map(|x| x / rim.len() as f64);

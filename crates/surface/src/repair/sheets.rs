@@ -13,7 +13,7 @@ use crate::topology::UnionFind;
 
 /// Largest fraction of the area that is dropped as fins and inner walls. Larger parts are unlikely to be defects.
 const LARGEST_FINS: f64 = 0.05;
-/// Marks a side of a triangle that isn't joined to another.
+/// Marks a side of a triangle that isn't joined to another side.
 const OPEN: u32 = u32::MAX;
 
 /// A side of a triangle: the lower and the higher vertex of its edge, and the side's number. Side k of triangle f runs
@@ -40,7 +40,7 @@ pub(super) fn start(faces: &[[u32; 3]], side: u32) -> u32 {
     faces[side as usize / 3][side as usize % 3]
 }
 
-/// Returns the pieces into which the surface falls if it is cut along all edges of more than two triangles.
+/// Returns the pieces into which the surface separates if it is cut along all edges of more than two triangles.
 fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
     let mut pieces = UnionFind::new(faces.len());
     for edge in by_edge(sides) {

@@ -68,8 +68,8 @@ fn triangles_turn_to_the_larger_part() {
     assert_eq!((turned, found.turned), (whole, 107));
 }
 
-/// A Möbius strip of triangles has only one side. No triangle of it is turned, and filling its hole doesn't make it a
-/// sphere.
+/// A Möbius strip of triangles has only one side. None of its triangles is turned, and filling its hole doesn't make it
+/// a sphere.
 #[test]
 fn a_surface_with_one_side_stays() {
     let strip: Vec<[u32; 3]> = (0..7).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
@@ -95,7 +95,7 @@ fn fins_go_and_the_surface_under_them_stays() {
 fn parts_that_touch_are_separated() {
     let ball = icosphere(2);
     let n = ball.vertices.len() as u32;
-    // A smaller ball touches at a vertex, then along an edge, then at two vertices.
+    // A smaller ball touches the ball at a vertex, then along an edge.
     let north = ball.faces[0];
     for shared in [&north[..1], &north[..2]] {
         let mut mesh = ball.clone();
@@ -205,8 +205,8 @@ fn loose_and_repeated_things_are_dropped_and_counted() {
     assert!(text.ends_with("4 unused vertices dropped"), "{text}");
 }
 
-/// A sphere of meridians has a seam that is open by rounding errors, and a pole whose vertices nearly coincide. Welding
-/// closes the seam, and only slivers at the pole are lost.
+/// A sphere of meridians has a seam that is open because of rounding errors, and a pole whose vertices nearly coincide.
+/// Welding closes the seam, and only slivers at the pole are lost.
 #[test]
 fn a_sphere_of_meridians_is_welded_along_its_seam() {
     let (rows, columns) = (9_u32, 12_u32);
@@ -258,14 +258,15 @@ fn fins_go_from_a_body_with_a_hole() {
     assert_eq!((found.fins, found.holes), (50, 1), "{found}");
 }
 
-/// Two edges of the rim are in line with the mean of its vertices, where a fan would have triangles without area.
+/// Two edges of the rim are in line with the mean of its vertices, so a fan around the mean would have triangles
+/// without area.
 #[test]
 fn a_hole_with_edges_in_line_with_its_middle_gets_no_triangles_without_area() {
     // Each side of a cube is a grid of 8 x 8 squares, with two triangles per square.
     let mut mesh = Mesh::new(Vec::new(), Vec::new());
     for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
         for (i, j) in (0..8).flat_map(|i| (0..8).map(move |j| (i, j))) {
-            // The hole is the same after a half turn about its middle.
+            // A half turn about the middle of the hole maps the hole to itself.
             let halves: &[usize] = match (axis, sign > 0.0, [i, j]) {
                 (0, true, [3 | 4, 3 | 4] | [5, 4] | [2, 3]) => &[],
                 (0, true, [5, 5]) => &[1],
@@ -288,7 +289,8 @@ fn a_hole_with_edges_in_line_with_its_middle_gets_no_triangles_without_area() {
     assert!(mended.faces.iter().all(|face| area_of(&mended.vertices, face) > 1e-3));
 }
 
-/// A rim of four vertices, three of them on a line, has one diagonal that gives two triangles with an area.
+/// In a rim of four vertices, three of them on a line, only one of the two diagonals gives two triangles of nonzero
+/// area.
 #[test]
 fn a_rim_of_four_is_not_filled_by_a_triangle_without_area() {
     let mut tetrahedron = Mesh::new(

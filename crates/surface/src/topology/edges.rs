@@ -4,7 +4,7 @@ use super::is_degenerate;
 use super::union_find::UnionFind;
 use crate::mesh::Mesh;
 
-/// The counts that [`count`] returns.
+/// Numbers of edges and vertices of each kind, as returned by [`count`].
 #[derive(Debug, Default)]
 pub(super) struct EdgeCounts {
     pub(super) edges: usize,

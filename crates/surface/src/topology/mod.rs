@@ -32,8 +32,7 @@ pub struct Topology {
     pub non_manifold_edges: usize,
     /// Number of vertices whose triangles form more than one fan, such as a point where two cones touch.
     pub non_manifold_vertices: usize,
-    /// Number of edges whose two triangles have the edge in the same direction, so that one of the triangles is
-    /// reversed.
+    /// Number of edges whose two triangles have the edge in the same direction, so one of the triangles is reversed.
     pub inconsistent_edges: usize,
     /// Whether the surface has only one side. In a one-sided surface, turning triangles can't make all edges
     /// consistent.

@@ -97,7 +97,7 @@ fn numpy_arrays_with_one_or_two_axes_are_values() {
     let error = read_target(&path, &Sphere::icosphere(1)).unwrap_err();
     assert!(matches!(error, SurfaceError::VertexCount { expected: 42, found: 12, .. }), "{error}");
     let error = read_mesh(&path).unwrap_err().to_string();
-    assert!(error.contains("found values on 12 vertices") && error.contains("need the sphere"), "{error}");
+    assert!(error.contains("found values on 12 vertices") && error.contains("also give the sphere"), "{error}");
     let path = write("mask.npy", "|b1", "(3,)", &[1, 0, 1]);
     assert_eq!(read_mask(&path, 3).unwrap(), [true, false, true]);
     let path = write("volume.npy", "|u1", "(2, 1, 1)", &[1, 0]);

@@ -197,7 +197,7 @@ fn lies_about_arrays_and_nodes_are_placed() {
         (with("\"POSITION\":0", "\"POSITION\":7"), "an existing accessor"),
         (with("\"indices\":1", "\"indices\":0"), "unsigned whole numbers as indices"),
         (with("\"indices\":1", "\"indices\":1,\"mode\":9"), "mode from 0 to 6"),
-        (with("\"bufferView\":0,", ""), "data of each accessor"),
+        (with("\"bufferView\":0,", ""), "data for each accessor"),
         (nodes("{\"children\":[1]},{\"children\":[0]}") + " ", "at least one triangle"),
         (with("\"indices\":1", "\"indices\":1,\"mode\":1"), "at least one triangle in the scene, found none"),
         (format!("{{{PARTS},\"scenes\":[{{\"nodes\":[0]}}],\"nodes\":[{{\"children\":[0]}}]}}"), "one parent each"),

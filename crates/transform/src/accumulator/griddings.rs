@@ -81,8 +81,8 @@ impl Griddings {
         (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
     }
 
-    /// Returns the size in bytes of the tables and spectra with which coefficients are computed from a grid: the larger
-    /// of the sizes for the two grids.
+    /// Returns the size in bytes of the tables and spectra that are needed to compute coefficients from a grid: the
+    /// larger of the sizes for the two grids.
     pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
         let of = |gridding: Gridding, degree: usize, channels: usize| {
             let orders = degree + 1;

@@ -29,8 +29,8 @@ impl Occupied {
         Self { first, bits: (0..bytes).map(|_| AtomicU8::new(0)).collect() }
     }
 
-    /// Restores the cells from the result of [`bytes`](Self::bytes) for the same degree; `None` if the number of bits
-    /// doesn't match.
+    /// Restores the cells from the result of [`bytes`](Self::bytes) for the same degree. Returns `None` if the number
+    /// of bytes doesn't match, or if an unused bit of the last byte is set.
     pub fn from_bytes(max_degree: usize, bytes: &[u8]) -> Option<Self> {
         let mut cells = Self::new(max_degree);
         let spare = 8 * bytes.len() - (cells.first[cells.first.len() - 1] as usize).min(8 * bytes.len());
@@ -187,7 +187,7 @@ mod tests {
             let outside = |v: &&[f64; 3]| (0..3).map(|i| v[i] * centre[i]).sum::<f64>() < radius.cos();
             let rest: Vec<[f64; 3]> = everywhere.as_slice().iter().filter(outside).copied().collect();
             let found = marked(20, &rest).largest_gap();
-            // The position of each end of a radius has an uncertainty of half a cell's diagonal.
+            // The gap's diameter is twice a radius, and each end of a radius is uncertain by half a cell's diagonal.
             assert!((found - 2.0 * radius).abs() < 3.0 * std::f64::consts::PI / 42.0, "{found} {radius}");
         }
         // With a single sample, the gap covers all cells but one.

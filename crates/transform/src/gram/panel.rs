@@ -63,7 +63,7 @@ const fn window_bytes(rings: usize) -> usize {
     8 * rings * size_of::<Lanes>()
 }
 
-/// Fills the columns of a few orders.
+/// Computes the requested rows of the columns of a few orders m', and writes them to the columns.
 pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
     let rings = measure.rings();
     let parts = || orders.iter().flat_map(|columns| columns.parts.iter().map(|part| (columns.order, part.degree)));
@@ -143,8 +143,8 @@ impl Rows {
         least / LANES..start_order.max(end_order) / LANES + 1
     }
 
-    /// Copies the sums of degree `l`, orders from `first` on, to their rows; the rows of sines are in descending
-    /// order.
+    /// Copies the sums of degree `l` to their rows, for the orders m from `first` on. The rows of sines are sorted by
+    /// descending m.
     fn put(&self, values: &mut [f64], l: usize, sine: bool, first: usize, sums: &[f64]) {
         if first > l {
             return;

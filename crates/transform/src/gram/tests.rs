@@ -139,8 +139,8 @@ fn quadrature_gives_the_identity() {
     }
 }
 
-/// The uniform measure's Gram matrix is the identity at any degree. At the degree tested here, W doesn't fit one
-/// panel.
+/// The uniform measure's Gram matrix is the identity at any degree. At the degree tested here, the orders don't fit in
+/// one panel.
 #[test]
 fn high_degrees_keep_the_identity() {
     let degree = 400;
@@ -234,7 +234,7 @@ fn ranges(from: &Range<usize>, cut: &[usize]) -> [Range<usize>; 2] {
     [[0, 1], [2, 3]].map(|[a, b]| place(a).min(place(b))..place(a).max(place(b)))
 }
 
-/// Tests tiles at a degree whose orders don't fit one panel.
+/// Tests tiles at a degree whose orders don't fit in one panel.
 #[test]
 fn tiles_of_several_panels_are_cut_from_a_larger_one() {
     let gram = some_gram(150);

@@ -159,13 +159,13 @@ impl Smoothed {
     }
 }
 
-/// Returns the factor `exp(-(scale l / L)^2 / 2)` by which smoothing multiplies each degree l up to 2L.
+/// Returns, for each degree l up to 2L, the factor `exp(-(scale l / L)^2 / 2)` by which smoothing multiplies it.
 fn smoothing(max_degree: usize, scale: f64) -> Vec<f64> {
     let scale = scale / max_degree.max(1) as f64;
     (0..=2 * max_degree).map(|l| (-0.5 * (scale * l as f64).powi(2)).exp()).collect()
 }
 
-/// Returns the standard deviation of the smoothed density, relative to its mean, by Parseval's equation, without
+/// Returns the standard deviation of the smoothed density, relative to its mean. Uses Parseval's identity, without
 /// evaluating the density.
 fn deviation(moments: &[f64], factors: &[f64]) -> f64 {
     let squares = moments.iter().enumerate().skip(1).map(|(column, s)| (factors[degree_order(column).0] * s).powi(2));

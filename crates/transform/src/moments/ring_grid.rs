@@ -32,10 +32,10 @@ const NEGLIGIBLE: f64 = 1e-18;
 /// Number of channels that share Legendre functions and fit in the cache together.
 pub(super) const CHANNELS: usize = 3;
 /// The number of points of a ring is rounded up to a multiple of this step that has only small prime factors. Rings
-/// then have few different sizes, which need few plans of Fourier transforms.
+/// then have few different sizes, so few plans of Fourier transforms are needed.
 const STEP: usize = 4;
 
-/// The grid and everything that depends only on the degree.
+/// The grid, and the tables and Fourier plans for products on it.
 pub(super) struct RingGrid {
     max_degree: usize,
     legendre: Legendre,
@@ -110,7 +110,7 @@ pub(super) struct Task {
     /// Sums (pairs of rings, 2 c) of an order, column-major: first the sums over even `l - m`, then the sums over odd
     /// `l - m`.
     sums: Vec<f64>,
-    /// Points of a pair of rings.
+    /// Values at the points of a pair of rings, or the spectrum of these values.
     circle: Vec<Complex64>,
     fourier: Vec<Complex64>,
     legendre: Work,
@@ -203,7 +203,7 @@ impl RingGrid {
         });
     }
 
-    /// Splits the points into those of each pair of rings.
+    /// Splits the values at all points into a slice for each pair of rings.
     fn of_pairs<'a>(&self, mut points: &'a mut [Complex64]) -> Vec<&'a mut [Complex64]> {
         let mut parts = Vec::with_capacity(self.pairs.len());
         for pair in &self.pairs {
@@ -286,7 +286,7 @@ impl RingGrid {
                 let circle = &mut circle[..pair.points];
                 let density = &density[pair.first..][..pair.points];
                 for cosine in (0..columns).step_by(2) {
-                    // Columns of the even sums of cosines and sines, then of the odd sums.
+                    // The columns of the cosine and the sine sum over even `l - m`, then over odd `l - m`.
                     let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
                     circle.fill(Complex64::default());
                     for m in 0..pair.orders {

@@ -76,7 +76,7 @@ pub(super) struct Incidence {
     elements: Vec<Element>,
     /// Position of each node's first triangle in `elements_of`.
     first: Vec<usize>,
-    /// For each node, the indices of its triangles, each with the corner at which the node is.
+    /// For each node and each of its triangles, the triangle's index and the node's position among the three corners.
     elements_of: Vec<(u32, u32)>,
     extents: Vec<Extent>,
     /// The pieces of the nodes' patches on each strip of the grid, from west to east.
@@ -111,7 +111,7 @@ impl Incidence {
         self.gridding
     }
 
-    /// Returns the number of values of all patches.
+    /// Returns the total number of values in all patches.
     pub(super) fn patch_values(&self) -> usize {
         self.extents.iter().map(|extent| extent.rows as usize * extent.pieces as usize * COLUMNS).sum()
     }
@@ -187,7 +187,7 @@ impl Incidence {
     }
 
     /// Calls `found` for each sample whose value depends on a node. The arguments are the sample's index, and the
-    /// weight of the node's value in the sample's value.
+    /// node's share in the sample's value, times the sample's weight.
     #[inline]
     fn each_sample(&self, node: usize, mut found: impl FnMut(usize, f64)) {
         for &(element, corner) in &self.elements_of[self.first[node]..self.first[node + 1]] {
@@ -282,7 +282,7 @@ impl Incidence {
             let [row, column] = self.corner(sample, layout.margin);
             let along = within(column - first_column, around) - first_of_piece;
             let down = row - (strip * ROWS) as isize;
-            // Skips kernels that don't reach the piece.
+            // Skip kernels that don't reach the piece.
             let beside = |from: isize, end: usize| from <= -width || from >= end as isize;
             if beside(along, COLUMNS) || beside(down, ROWS) {
                 return;

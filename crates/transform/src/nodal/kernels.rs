@@ -12,8 +12,8 @@ use crate::lanes::{fused, load};
 /// parts of kernels that extend beyond these rows and columns.
 pub(super) struct Kernels {
     pub(super) batch: Batch,
-    /// For each sample of a node, the kernel's values at the strip's rows, multiplied by the node's weight in the
-    /// sample.
+    /// For each sample of a node, the kernel's values at the strip's rows, multiplied by the node's share in the
+    /// sample's value and by the sample's weight.
     rows: [[f64; MAX_WIDTH + ROWS + MAX_WIDTH]; BATCH],
     columns: [[f64; MAX_WIDTH + COLUMNS + MAX_WIDTH]; BATCH],
 }

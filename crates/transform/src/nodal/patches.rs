@@ -8,14 +8,14 @@ pub(super) const COLUMNS: usize = 24;
 pub(super) const ROWS: usize = 32;
 
 /// The pieces of the nodes' patches (see [`nodal`](super)) that lie in a strip of the grid, in the order in which they
-/// are added to the grid. A piece's value at a grid point is the factor with which the node's value is added to this
-/// point.
+/// are added to the grid. A piece's value at a grid point is the factor by which the node's value is multiplied before
+/// it is added to this point.
 #[derive(Debug, Default)]
 pub(super) struct Patches {
     pub(super) tiles: Vec<Tile>,
-    /// The nodes of the tiles' rows.
+    /// For each row of each tile, the nodes whose pieces cover the row.
     pub(super) nodes: Vec<u32>,
-    /// For each entry of `nodes`, the node's weights in the [`COLUMNS`] columns of the tile.
+    /// For each entry of `nodes`, the factors of the node's value in the [`COLUMNS`] columns of the tile.
     pub(super) values: Vec<[f64; COLUMNS]>,
 }
 
@@ -24,6 +24,6 @@ pub(super) struct Patches {
 pub(super) struct Tile {
     /// First column, margin included.
     pub(super) column: usize,
-    /// Index of the first node of each row, followed by the end of the last row's nodes.
+    /// Index in [`Patches::nodes`] of the first node of each row, followed by the end of the last row's nodes.
     pub(super) first: [u32; ROWS + 1],
 }

@@ -48,7 +48,7 @@ fn a_run_that_is_ended_anywhere_goes_on_to_the_same_bits() {
     let bytes = std::fs::read(&whole).unwrap();
     let records = (bytes.len() - HEADER) / RECORD;
     assert_eq!(bytes.len(), HEADER + RECORD * records);
-    // The file ends within a record or its header, is damaged, or has a block that was never written.
+    // Cases of a file that ends within the header or a record, is damaged, or has a block that was never written.
     let path = folder.path().join("state");
     let damaged = |at: usize| {
         let mut bytes = bytes.clone();

@@ -111,14 +111,14 @@ fn reasons_are_as_expected() {
             Moments::Makeable,
             Factor::None,
             rough,
-            &["moments save time only from 4 iterations on", "moments would have saved time by now", exist],
+            &["moments save time only after 4 iterations", "moments would have saved time by now", exist],
         ),
         (
             many,
             Moments::Makeable,
             Factor::None,
             AUTO,
-            &["moments save time from 4 iterations on, and about 7 iterations are expected", exist],
+            &["moments save time after 4 iterations, and about 7 iterations are expected", exist],
         ),
         (CORTEX, EVEN, Factor::Made, AUTO, &["a Cholesky factor was computed for an earlier batch", after_factor]),
         (

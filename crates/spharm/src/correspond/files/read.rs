@@ -88,7 +88,7 @@ impl GroupFiles {
         Ok(registration)
     }
 
-    /// Reads the group's data that are needed to add new members.
+    /// Reads the data needed to add new members to the group.
     ///
     /// # Errors
     ///
@@ -127,7 +127,7 @@ impl GroupFiles {
     }
 
     /// Reads the members with the given indices in [`names`](Self::names) as a separate group. Its report contains the
-    /// members' figures but no warnings, since the files contain warnings only as messages.
+    /// members' figures but no warnings, since the files contain warnings only as text.
     ///
     /// # Errors
     ///

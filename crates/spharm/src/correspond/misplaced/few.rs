@@ -10,15 +10,15 @@ use super::{LandmarkCause, MENDED, MisplacedLandmarks, length, median};
 
 /// Minimum number of landmarks. With fewer landmarks, an exchange of two landmarks may improve the fit by chance.
 const LEAST: usize = 4;
-/// Exchanges are tried only among this number of landmarks: the landmarks that differ most between members.
+/// Number of landmarks among which exchanges are tried: those whose positions differ most between members.
 const TRIED: usize = 20;
 /// Maximum number of exchanges.
 const EXCHANGES: usize = 3;
 /// Two landmarks of a member are exchanged only if the exchange reduces the sum of the squared differences between the
 /// members' landmarks to this fraction or less.
 const LOWERED: f64 = 0.8;
-/// Two landmarks are reported as swapped only if one of them is farther apart between members than this multiple of the
-/// usual distance. The distance of a landmark is the largest distance between two members' positions of it. The usual
+/// Two landmarks are reported as swapped only if the distance of one of them exceeds this multiple of the usual
+/// distance. The distance of a landmark is the largest distance between its positions on two members. The usual
 /// distance is the median over all landmarks after the exchange.
 const UNUSUAL: f64 = 3.0;
 /// Number of rounds of Procrustes analysis.
@@ -62,7 +62,7 @@ impl Differences {
 }
 
 /// Returns a warning if exchanging landmarks of one member makes the positions of these landmarks on all members much
-/// more alike. An exchange is reported only if the positions differed by more than `far` before.
+/// more similar. An exchange is reported only if the positions differed by more than `far` before.
 pub(super) fn swapped(positions: &[Vec<Vec3>], far: f64) -> Option<MisplacedLandmarks> {
     let count = positions.first()?.len();
     if positions.len() < 2 || count < LEAST {

@@ -33,7 +33,7 @@ mod tests {
         let found = contradicted(&given, 35.0);
         assert!(found.len() == 1 && found[0].member == 1 && found[0].far == [2], "{found:?}");
         let text = found[0].of_member(|landmark| format!("L{landmark}"));
-        assert!(text.starts_with("landmarks far from the positions that the other landmarks give: L2; "), "{text}");
+        assert!(text.starts_with("landmarks far from the positions predicted by the other landmarks: L2; "), "{text}");
         // Large errors of all landmarks don't indicate a wrong name.
         assert!(contradicted(&[vec![5.0; 4], vec![5.0; 4]], 35.0).is_empty() && contradicted(&[], 1.0).is_empty());
     }

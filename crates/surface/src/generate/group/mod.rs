@@ -129,7 +129,7 @@ const SHIFT: f64 = 50.0;
 const IDENTITY: [Vec3; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Group {
-    /// Returns member `index`. Results are reproducible bit by bit.
+    /// Returns member `index`. Results are reproducible bit for bit.
     pub fn member(&self, index: u64) -> Member {
         // Each member has its own seed, so that the random sequences of different members don't overlap.
         let mut random = SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(index));

@@ -60,8 +60,8 @@ fn shapes_are_those_of_their_parameters() {
     let ring = member(Family::Tori, 1);
     let tube = ring.parameters[1];
     let exact = 2.0 * std::f64::consts::PI.powi(2) * tube * tube * ring.parameters[0];
-    // The tube's radius varies by a quarter around the ring, so the mean of its square is 1 + 1/32 times the square of
-    // its mean.
+    // The tube's radius varies by a quarter around the ring, so the mean of its square is (1 + 1/32) times the square
+    // of its mean.
     assert!((volume(&ring.mesh) / exact - 1.0 - 1.0 / 32.0).abs() < 0.02, "{}", volume(&ring.mesh) / exact);
 }
 

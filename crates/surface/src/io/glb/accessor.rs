@@ -29,8 +29,7 @@ fn is_unsigned(component: Scalar) -> bool {
     matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
 }
 
-/// Returns the number that the first bytes encode. Callers ensure that there are enough bytes. Otherwise, 0 is
-/// returned.
+/// Returns the number that the first bytes encode. Returns 0 if there are too few bytes, which callers rule out.
 fn number(component: Scalar, bytes: &[u8]) -> f64 {
     component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
 }

@@ -91,8 +91,8 @@ pub(super) struct SparsePart {
     pub(super) buffer_view: usize,
     #[serde(default)]
     pub(super) byte_offset: u64,
-    /// Number type, if this part has the indices of a sparse accessor. It is absent if this part has the values,
-    /// because these have the accessor's own number type.
+    /// Code of the indices' number type, if this part has the indices of a sparse accessor. Absent (0) if this part has
+    /// the values, because the values have the accessor's number type.
     #[serde(default)]
     pub(super) component_type: u64,
 }
@@ -176,7 +176,7 @@ impl Document {
 impl Primitive {
     /// Returns the error for an array without data. If the data are compressed, the error names the compression.
     pub(super) fn without_data(&self) -> Flaw {
-        compressed(&self.extensions).unwrap_or_else(|| Flaw::new("data of each accessor", "none"))
+        compressed(&self.extensions).unwrap_or_else(|| Flaw::new("data for each accessor", "none"))
     }
 }
 

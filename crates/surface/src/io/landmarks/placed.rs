@@ -12,7 +12,7 @@ use crate::nearest::TriangleTree;
 /// hundred millimetres.
 const NEARER: f64 = 4.0;
 /// Threshold of the median distance of landmarks from their surface, as a fraction of the surface's extent. Below the
-/// threshold, the landmarks are on the surface. Above it, they may be in another unit.
+/// threshold, the landmarks are assumed to lie on the surface. Above it, they may be in another unit.
 const OFF: f64 = 0.05;
 /// Minimum number of landmarks from which a unit is inferred. Fewer landmarks may lie on the surface by chance.
 const LEAST: usize = 3;
@@ -35,8 +35,8 @@ pub struct Placed {
     pub turned: bool,
 }
 
-/// If points seem to be in another unit than their surface, returns the power of ten by which the points must be
-/// multiplied to lie on the surface. Returns `None` if the points are near the surface, or far from it in every unit.
+/// Returns the power of ten by which points must be multiplied to lie on their surface, if they seem to be in another
+/// unit than the surface. Returns `None` if the points are near the surface, or far from it in every unit.
 #[must_use]
 pub fn unit_factor(points: &[Vec3], surface: &Mesh) -> Option<f64> {
     factor(points, &TriangleTree::new(surface), diagonal(bounds(surface.vertices.iter().copied())))
@@ -86,17 +86,17 @@ impl FarGuide {
         let distances = points.iter().map(off).collect::<Option<Vec<f64>>>()?;
         let (landmark, distance) = distances.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let extent = diagonal(bounds(surface.vertices.iter().copied()));
-        // Nearly all landmarks lie near their surface, so no search for their unit is needed.
+        // Search for another unit only if a landmark is far from the surface, which is rare.
         let factor = (distance > OFF * extent).then(|| factor(points, &tree, extent)).flatten();
         (factor.is_some() || distance > FAR * extent).then_some(Self { landmark, distance, factor })
     }
 
-    /// Returns the reason why the landmark, whose name is given, can't guide a registration.
+    /// Returns the reason why the landmark can't guide a registration. `name` is the landmark's name in the text.
     #[must_use]
     pub fn reason(&self, name: &str) -> String {
         format!(
-            "guiding by landmarks needs landmarks near the surface, in its unit and frame, found {name} at a distance of \
-             {}{}",
+            "landmarks that guide a registration must lie near the surface, in its unit and frame; {name} is at a \
+             distance of {}{}",
             number(self.distance),
             unit_hint(self.factor)
         )

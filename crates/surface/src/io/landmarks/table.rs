@@ -1,7 +1,7 @@
 //! Reads and writes landmarks as tables: `name,x,y,z`, and 3D Slicer's former format for fiducials (`.fcsv`), whose
 //! header is in comments.
 //!
-//! Spreadsheets of some languages write semicolons in place of commas. A cell that contains the separator or a
+//! In some locales, spreadsheet programs write semicolons instead of commas. A cell that contains the separator or a
 //! quotation mark is quoted as in RFC 4180.
 
 use super::{Frame, Gathered, Landmarks};

@@ -173,7 +173,7 @@ fn another_unit_is_named_by_its_factor() {
     assert_eq!(unit_factor(&times(0.001), &body), Some(1000.0));
     assert_eq!(unit_factor(&times(0.1), &body), Some(10.0));
     assert_eq!(unit_factor(&times(100.0), &body), Some(0.01));
-    // No unit is inferred from landmarks at a wrong place, or from too few landmarks.
+    // No unit is inferred from landmarks in a wrong place, or from too few landmarks.
     assert_eq!(unit_factor(&times(0.3), &body), None);
     assert_eq!(unit_factor(&times(0.1)[..2], &body), None);
 }

@@ -65,7 +65,7 @@ impl Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// Axes that a comment states.
+    /// Axes stated in a comment.
     pub(super) frame: Option<Frame>,
 }
 

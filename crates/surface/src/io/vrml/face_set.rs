@@ -10,7 +10,7 @@ pub(super) struct FaceSet {
     /// Index of the first point among the mesh's vertices, and number of points.
     pub(super) points: Option<(usize, usize)>,
     pub(super) indices: Vec<i64>,
-    /// Whether polygons are counterclockwise seen from outside.
+    /// Whether polygons are counterclockwise when seen from outside.
     pub(super) ccw: bool,
 }
 

@@ -160,8 +160,8 @@ impl<'a> Scene<'a> {
         Ok(true)
     }
 
-    /// Reads a node within another node, starting at the inner node's opening brace. The node's text starts at position
-    /// `start`.
+    /// Reads a node within another node, starting at the inner node's opening brace. The inner node's text starts at
+    /// position `start`.
     fn child(&mut self, outer: &mut Node<'a>, kind: &'a [u8], start: usize, depth: usize) -> Result<(), Flaw> {
         if depth >= DEEPEST {
             return Err(Flaw::new(format!("nodes nested at most {DEEPEST} deep"), "deeper nesting"));

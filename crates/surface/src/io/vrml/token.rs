@@ -51,7 +51,7 @@ impl<'a> Tokens<'a> {
         Some(token)
     }
 
-    /// Returns the next token without reading it.
+    /// Returns the next token without consuming it.
     pub(super) fn peek(&self) -> Option<Token<'a>> {
         let mut ahead = *self;
         ahead.next()

@@ -40,7 +40,7 @@ impl Values<'_> {
         number(word).ok_or_else(|| Flaw::new(what, shown(word)))
     }
 
-    /// Moves to the start of the data. Binary data start after the newline of the line that announces them.
+    /// Moves to the start of the data. Binary data start after the end of the line that announces them.
     fn begin(&mut self) {
         if !self.ascii {
             self.cursor.line();
@@ -71,8 +71,8 @@ impl Values<'_> {
             match kind {
                 Scalar::I64 => self.cursor.i64(Endian::Big)?,
                 Scalar::I32 => self.cursor.i32(Endian::Big)?.into(),
-                // Other types aren't used for indices in practice. Converting their values by way of f64 is exact for
-                // small values.
+                // Other types aren't used for indices in practice. Their values are converted through f64, which is
+                // exact for small values.
                 other => self.float(other)? as i64,
             }
         };

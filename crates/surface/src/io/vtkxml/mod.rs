@@ -20,7 +20,7 @@ use crate::mesh::Mesh;
 use packed::Appended;
 pub(super) use write::write;
 
-/// Returns whether `<VTKFile` is within the first 512 bytes, as in files `.vtp` and `.vtu`.
+/// Returns whether `<VTKFile` is within the first 512 bytes, as in `.vtp` and `.vtu` files.
 pub(super) fn is_vtk_xml(bytes: &[u8]) -> bool {
     bytes.get(..512).unwrap_or(bytes).windows(8).any(|window| window == b"<VTKFile")
 }

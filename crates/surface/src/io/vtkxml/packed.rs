@@ -86,7 +86,7 @@ pub(super) fn bytes_of(
     Ok(bytes)
 }
 
-/// Decompresses a block that has `expected` bytes when decompressed, and appends these to `bytes`.
+/// Decompresses a block, whose contents must have `expected` bytes, and appends the contents to `bytes`.
 fn expand(
     block: &[u8],
     expected: u64,

@@ -10,7 +10,7 @@ use flate2::write::ZlibEncoder;
 
 use crate::mesh::Mesh;
 
-/// Number of bytes per block, each of which is compressed on its own.
+/// Number of bytes in a block. Each block is compressed separately.
 const BLOCK: usize = 1 << 20;
 
 /// Writes a mesh. `scalar` gives the name and values of an attribute, one value per vertex.
