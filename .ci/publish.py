@@ -44,7 +44,7 @@ def in_order(names, edges):
     while left := sorted(set(names) - set(done)):
         ready = [name for name in left if edges[name] & set(names) <= set(done)]
         if not ready:
-            sys.exit(f"error: {', '.join(left)} depend on each other in a circle")
+            sys.exit(f"error: circular dependency among {', '.join(left)}")
         done.append(ready[0])
     return done
 
@@ -63,19 +63,19 @@ def faults(packages, edges):
     published = {name for name, package in packages.items() if package["publish"] != []}
     wanted = all_of(PUBLIC, edges)
     for name in sorted(published ^ wanted):
-        yield f"{name}: " + ("isn't published, but needed" if name in wanted else "published, but not needed")
+        yield f"{name}: " + ("isn't published, but needed by a public crate" if name in wanted else "published, but not needed")
     version = packages[PUBLIC[0]]["version"]
     for name in sorted(published):
         package = packages[name]
         for field in ("description", "license", "readme", "documentation", "keywords", "categories"):
             if not package[field]:
-                yield f"{name}: no {field}"
+                yield f"{name}: Cargo.toml has no {field}"
         if len(package["keywords"]) > MOST_KEYWORDS or any(len(word) > 20 for word in package["keywords"]):
             yield f"{name}: more than {MOST_KEYWORDS} keywords, or one of more than 20 letters"
         if unknown := set(package["categories"]) - CATEGORIES:
-            yield f"{name}: no category {', '.join(sorted(unknown))}"
+            yield f"{name}: unknown category {', '.join(sorted(unknown))}; expected categories listed in .ci/publish.py"
         if package["version"] != version:
-            yield f"{name}: version {package['version']}, {PUBLIC[0]} has {version}"
+            yield f"{name}: version {package['version']}, expected {version}, as of {PUBLIC[0]}"
         for entry in package["dependencies"]:
             wanted_version = "*" if entry["name"] not in published else f"={version}"
             if entry["name"] in packages and entry["req"] != wanted_version:
@@ -106,7 +106,7 @@ def main():
     for name in names:
         print(f"{name:20} {sizes[name] / 1024:6.0f} KiB")
     if large := [name for name in names if sizes[name] > MOST_BYTES]:
-        sys.exit(f"error: more than {MOST_BYTES >> 20} MiB: {', '.join(large)}")
+        sys.exit(f"error: packages larger than {MOST_BYTES >> 20} MiB: {', '.join(large)}")
     if not packages[PUBLIC[0]]["repository"]:
         print("note: Cargo.toml has no address of the repository yet, which publishing needs", file=sys.stderr)
 

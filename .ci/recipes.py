@@ -19,7 +19,7 @@ problems = []
 
 
 def expect(name: str, text: str, pattern: str, wanted: list[str]) -> None:
-    """Notes a problem unless the groups of the pattern's matches, in their order, are those wanted."""
+    """Records a problem unless the groups matched by the pattern are `wanted`, in this order."""
     found = re.findall(pattern, text, re.MULTILINE)
     if found != wanted:
         problems.append(f"{name}: expected {wanted} for {pattern!r}, found {found}")

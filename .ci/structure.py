@@ -142,7 +142,7 @@ def circles():
             if module in reach[module]:
                 next_ones = sorted(target for target in edges[module] if module in reach[target])
                 names = ", ".join("::".join(target) for target in next_ones)
-                yield f"{files[module].relative_to(ROOT)}: imports {names}, which imports it in turn"
+                yield f"{files[module].relative_to(ROOT)}: imports {names}, which imports it, directly or indirectly"
 
 
 def fuzz_lock():
@@ -160,7 +160,7 @@ def fuzz_lock():
         needed = {name for name, entry in entries.items() if not (isinstance(entry, dict) and entry.get("optional"))}
         if not needed <= locked <= entries.keys():
             names = ", ".join(sorted(needed - locked | locked - entries.keys()))
-            yield f"fuzz/Cargo.lock: {package['name']} differs in {names}: cargo metadata --manifest-path fuzz/Cargo.toml mends it"
+            yield f"fuzz/Cargo.lock: {package['name']} differs in {names}; run cargo metadata --manifest-path fuzz/Cargo.toml"
 
 
 def phrases():

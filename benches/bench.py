@@ -2,9 +2,8 @@
 """Measures the figures of docs/performance.md and docs/methods.md, each together with its reference.
 
 `./run bench [--data DIR] [--work DIR] [--tmpfs DIR] [--rounds N] [--only NAME ...]`. Uses Python's standard library
-only.
-Programs that are compared run in turn, round after round, and medians are taken. The store is built for n = 40,962
-directions and degree L = 100 in f64; it takes 3.3 GB, and up to three copies exist at once.
+only. Programs that are compared run in turn, round after round, and medians are taken. The store is built for n =
+40,962 directions and degree L = 100 in f64; it takes 3.3 GB, and up to three copies exist at once.
 """
 
 import argparse
@@ -255,7 +254,7 @@ class Bench:
             if passes["plain"] and passes["accelerated"]:
                 self.bar(f"{name}: accelerated passes to 1e-6", passes["accelerated"], 8, f"plain {passes['plain']}")
             else:
-                self.bar(f"{name}: what is left after {most} accelerated passes / plain",
+                self.bar(f"{name}: final excess after {most} passes, accelerated / plain",
                          left["accelerated"] / left["plain"], 0.5, f"{left['accelerated']:.1e} / {left['plain']:.1e}")
 
     # Control of the page cache.
@@ -278,7 +277,7 @@ class Bench:
                 os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
         resident = subprocess.run(["fincore", "-b", "-n", "-o", "RES", *map(str, self.files())], capture_output=True, text=True)
         left = sum(map(int, resident.stdout.split()))
-        assert left < 64 * MIB, f"{left} bytes of the store are still in memory: a cold run would prove nothing"
+        assert left < 64 * MIB, f"{left} bytes of the store are still in memory, so the run wouldn't be cold"
 
     def table(self):
         head = ("bar", "measured", "limit", "met", "")

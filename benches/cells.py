@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Measures docs/cells.md on a made-up stack of 200 labels: `./run bench cells`.
 
-Prints the seconds from the stack to a table of all cells, with one thread and with all, and those of the clusters and of a
-montage coloured by them; and the share of cells whose cluster is that of their kind (round, long or flat). The exit status is
-1 if labels side by side on two processors take more than 0.65 of the time of one after another (bar: half of it, with
-what one thread has to do alone), or if less than 95 % of the cells are in their kind's cluster.
+Prints the seconds from the stack to a table of all cells, with one thread and with all threads; the seconds for the
+clusters, and for a montage coloured by them; and the share of cells in the cluster of their kind (round, long or flat).
+The exit status is 1 if the table takes more than 0.65 of one thread's time on two processors (ideal would be half, but
+a part of the work can't be divided), or if less than 95 % of the cells are in their kind's cluster.
 """
 
 import collections

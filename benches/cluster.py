@@ -84,7 +84,7 @@ def unpacked_slurm():
         return folder, "nothing"
     for tool in ("apt-get", "dpkg-deb"):
         if not shutil.which(tool):
-            raise Skipped(f"no {tool} here, and Slurm is taken from Debian's packages")
+            raise Skipped(f"no {tool} on this machine, which fetching Slurm's Debian packages needs")
     try:
         # Also fetches the libraries that are missing on this machine.
         plan = run(["apt-get", "install", "-s", "--no-install-recommends", *PACKAGES])
@@ -96,7 +96,7 @@ def unpacked_slurm():
             for package in Path(downloads).glob("*.deb"):
                 run(["dpkg-deb", "-x", package, folder])
     except RuntimeError as error:
-        raise Skipped(f"Slurm's packages can't be had, `apt-get update` may help: {str(error).strip().splitlines()[-1]}")
+        raise Skipped(f"Slurm's packages can't be fetched; `apt-get update` may help: {str(error).strip().splitlines()[-1]}")
     (folder / "complete").touch()
     return folder, f"{len(names)} Debian packages, unpacked"
 
@@ -226,7 +226,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def by_slurm(folder, samples):
-    """Runs an array of which one task is killed, then that task again, and then addition and fit."""
+    """Runs an array of tasks, kills one of them, and submits it again; then adds the moments and fits the model."""
     packages, fetched = unpacked_slurm()
     # A task can only be killed reliably if it runs long enough, so the task that will be killed waits first.
     spharm, wait = folder / "path" / "spharm", folder / "wait"
@@ -261,7 +261,7 @@ def by_slurm(folder, samples):
         submit(TASKS=str(LOST))
         slurm.idle()
         if {name: (folder / name).stat().st_mtime_ns for name in expected} != before:
-            raise RuntimeError("parts that were there were made again")
+            raise RuntimeError("existing parts were computed again")
         if not (folder / "all.spharm.npz").exists():
             outputs = "".join(path.read_text() for path in sorted(folder.glob("slurm-*.out")))
             raise RuntimeError(f"no model:\n{outputs}{slurm.logs()}")
@@ -302,9 +302,9 @@ def by_snakemake(folder, samples):
     if again != ["all", "fit", "merge", "part"]:
         raise RuntimeError(f"with one part lost the workflow ran {again}")
     if rules():
-        raise RuntimeError("with everything there the workflow ran rules")
+        raise RuntimeError("the workflow ran rules although all files existed")
     version = run([program, "--version"], env=environment).strip()
-    return f"Snakemake {version}", fetched, seconds, f"part {LOST} deleted: it alone is made again"
+    return f"Snakemake {version}", fetched, seconds, f"part {LOST} deleted: only this part is computed again"
 
 
 # --- Dask ------------------------------------------------------------------------------------------------------------

@@ -120,7 +120,7 @@ def undisturbed(folder, count, bad):
 
 @contextlib.contextmanager
 def small_disk(place):
-    """Mounts a file system with space for a few models. If mounting isn't permitted, no disk gets full in this run."""
+    """Mounts a file system with space for a few models. If mounting isn't permitted, this run has no full disk."""
     place.mkdir(parents=True)
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={SMALL_DISK}", "tmpfs", place], capture_output=True).returncode == 0
     try:
@@ -188,7 +188,7 @@ def by_slurm(folder, count, bad):
             notes.append(f"shard {FULL} ended with a full disk after {len(list((out / 'small').glob('*.npz')))} models")
             run(["mount", "-o", "remount,size=4G", out / "small"])
         else:
-            notes.append("no file system may be mounted here: no full disk")
+            notes.append("no permission to mount a file system: no full disk in this run")
         for entry in out.rglob("*.npz"):
             if entry.stat().st_size == 0:
                 raise RuntimeError(f"{entry} is empty")
@@ -225,7 +225,7 @@ def alone(folder, sample, bad):
         (folder / "lone.tsv").write_text(f"id\tsurface\tsphere\n{name}\t{surface}\t{sphere}\n")
         fit(folder, folder / "alone", "--manifest", folder / "lone.tsv")
         if (folder / "alone" / f"{name}.spharm.npz").read_bytes() != one[f"{name}.spharm.npz"].read_bytes():
-            raise RuntimeError(f"{name}: alone it is another model")
+            raise RuntimeError(f"{name}: the model of a separate call has other bytes")
 
 
 def start(folder, count):
@@ -292,13 +292,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, default=10_000)
     parser.add_argument("--alone", type=int, default=200, help="models that are made again, each by its own call")
-    parser.add_argument("--calls", type=int, default=1, help="undisturbed calls; more than one leave out what is measured of it")
+    parser.add_argument("--calls", type=int, default=1, help="undisturbed calls; with more than one, their costs aren't measured")
     parser.add_argument("--cortices", type=int, default=200)
     parser.add_argument("--only", choices=["slurm", "cost"])
     args = parser.parse_args()
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda number, _: sys.exit(128 + number))
-    # A memory file system is used, because 20,000 files are synchronised, and that would measure the disk.
+    # Uses a file system in memory, because 20,000 files are synchronised, so a disk would dominate the measured times.
     memory_disk = Path("/dev/shm")
     place = memory_disk if memory_disk.is_dir() and shutil.disk_usage(memory_disk).free > 6e9 else None
     with tempfile.TemporaryDirectory(prefix="spharm-cohort-", dir=place) as folder:

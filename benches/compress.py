@@ -99,8 +99,8 @@ class Spharm:
         return self.found[log_step, options]
 
     def smallest(self, target):
-        """Searches the smallest file within a distance, with steps accurate to 1/64 of an octave; returns step, bytes
-        and distance."""
+        """Searches for the smallest file within a distance, with steps accurate to 1/64 of an octave; returns step,
+        bytes and distance."""
         fine, coarse = -17.0, -4.0
         if self.at(fine, "--bare")[1] > target:
             return None
@@ -143,7 +143,7 @@ def measure(program, fit, name):
             ours = spharm.smallest(target)
             limit = SURFACES[name][3] if target == 1e-3 else None
             if ours is None:
-                print(f"{name}, {target:g}: none; {peers}", flush=True)
+                print(f"{name}, {target:g}: no file within this distance; {peers}", flush=True)
                 continue
             step, size, distance = ours
             with_provenance, _ = spharm.at(step)
@@ -154,11 +154,11 @@ def measure(program, fit, name):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", type=Path, default=ROOT / "target" / "release" / "spharm")
-    parser.add_argument("--fit", type=Path, help="program that fits [default: the same]")
+    parser.add_argument("--fit", type=Path, help="program that fits [default: that of --program]")
     parser.add_argument("--only", nargs="*", choices=SURFACES, default=list(SURFACES))
     arguments = parser.parse_args()
     if not DATA.is_dir():
-        raise SystemExit(f"{DATA} isn't there")
+        raise SystemExit(f"{DATA} doesn't exist")
     for name in arguments.only:
         measure(arguments.program, arguments.fit or arguments.program, name)
     out = ROOT / "bench" / "compress.json"

@@ -95,7 +95,8 @@ def generated(family, members=16, upright=False):
 
 @functools.cache
 def corresponding(which, max_degree, template=None):
-    """Returns the group of this name, brought into correspondence; for a family the name is that of `generated`."""
+    """Returns the group of this name, brought into correspondence; the name of a family is an argument of
+    `generated`."""
     surfaces = {"vertebrae": lambda: vertebrae()[0], "hippocampi": hippocampi}.get(which, lambda: generated(which)[0])()
     return sp.shape.correspond(surfaces, max_degree, template=template)
 
@@ -167,7 +168,7 @@ def row_missed_optima():
 
 def row_hippocampi():
     members, weight = points(corresponding("hippocampi", 12).models)
-    print(f"  of {len(members)} members; the limits are of 10", flush=True)
+    print(f"  of {len(members)} members; the limits are for 10 members", flush=True)
     for count, generalisation, specificity in ((1, 1.05, 0.75), (3, 1.00, 0.80)):
         bar(f"hippocampi: generalisation at {count}", generalisation, measured.generalisation(members, weight, count))
         bar(f"hippocampi: specificity at {count}", specificity, measured.specificity(members, weight, count))
@@ -356,7 +357,7 @@ def row_nulls():
 def row_power(studies=3):
     """Area of the bump that the test finds, relative to the area found with the true correspondence; and findings
     outside the bump."""
-    import validation_power as power  # validation_power.py imports this file, so it is imported here.
+    import validation_power as power  # imported here because validation_power.py imports this file
 
     labels = ["a"] * 10 + ["b"] * 10
     for height in (1.0, 2.0, 3.0):
@@ -435,7 +436,7 @@ def main():
         return 0
     for name in arguments.rows or rows:
         if name not in rows:
-            parser.error(f"{name}: there are {', '.join(rows)}")
+            parser.error(f"{name}: expected one of {', '.join(rows)}")
         started = time.perf_counter()
         rows[name]()
         print(f"  ({name}: {time.perf_counter() - started:.1f} s)", flush=True)

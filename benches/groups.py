@@ -120,7 +120,7 @@ def hippocampi():
     """Tests two groups in random poses; the largest statistics don't depend on the positions of the vertices."""
     files = sorted(DATA.glob("*.foe.npy"))
     if not files:
-        print(f"# {DATA} isn't there: 4d and 4e are left out")
+        print(f"# {DATA} doesn't exist: 4d and 4e are left out")
         return
     rng = np.random.default_rng(7)
     models = [sp.Model(np.load(path)) for path in files]
@@ -147,7 +147,7 @@ def published(name, degree=12):
             c = np.array([entry[f"{axis}_re"] + 1j * entry[f"{axis}_im"] for axis in "xyz"])
             other = table[(table["l"] == l) & (table["m"] == -m)][0]
             d = np.array([other[f"{axis}_re"] + 1j * other[f"{axis}_im"] for axis in "xyz"])
-            # The published expansion stands for the real part of its sum.
+            # The published expansion describes a surface by the real part of its sum.
             if m == 0:
                 rows[l * l + l] = c.real
             else:

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Measures models of labels against the bodies that were turned into voxels: `./run bench label-surface`.
 
-Balls and ellipsoids (half axes 1.6, 0.8, 0.8 times the radius, in six orientations) of 3 to 10 voxels' radius, in voxels of
-three anisotropies, are fitted at degrees 8 to 20 with `spharm fit`: the label by default and as voxels, and the shares of the voxels in the
-body with --probability. `--radii 30` takes a quarter of an hour. Prints the largest errors of area (bar 2 %), sphericity
-(bar 0.01) and volume (bar 0.5 %, of the voxels' or shares' volume), by radius, and first the errors of the label itself: of
-its volume against the body's, and of the area of the same body with the label's volume, which no surface that keeps the
-volume and the shape can avoid. Each radius ends with the time of fitting its last label, beside that of the voxels' own faces (bar 1.3
-times). The exit status is 1 if a bar is missed by the default or by --probability.
+Balls and ellipsoids (half axes 1.6, 0.8, 0.8 times the radius, in six orientations) of 3 to 10 voxels' radius, in
+voxels of three anisotropies, are fitted at degrees 8 to 20 with `spharm fit`: the label by default and as voxels, and
+the shares of the voxels inside the body with --probability. `--radii 30` takes a quarter of an hour. Prints for each
+radius first the label's own errors: that of its volume, and that of the area of the same body scaled to the label's
+volume, which no surface with this volume and shape can avoid; then the largest errors of area (bar 2 %), sphericity
+(bar 0.01) and volume (bar 0.5 % of the voxels' or shares' volume); and last the time of fitting the last label,
+relative to fitting the voxels' own faces (bar 1.3). The exit status is 1 if the default or --probability misses a bar.
 """
 
 import argparse
@@ -80,7 +80,7 @@ def show(radius, surface, degree, errors, refused):
 
 
 def seconds(path, models, surface):
-    """Returns the seconds of one fit of a label at degree 12 by a surface."""
+    """Returns the seconds of one fit of a label at degree 12 with a kind of surface."""
     start = time.perf_counter()
     ran = run("fit", path, "--label-surface", surface, "--max-degree", 12, "-o", models, "--force", "-q")
     if ran.returncode:
@@ -89,7 +89,7 @@ def seconds(path, models, surface):
 
 
 def time_fits(path, pairs=9):
-    """Times fits of a label by both surfaces in turn, prints their medians, and returns their ratio."""
+    """Times fits of a label with both kinds of surface in turn; prints the medians, and returns the median ratio."""
     models = path.with_suffix(".spharm.npz")
     for surface in ("smooth", "voxels"):
         seconds(path, models, surface)

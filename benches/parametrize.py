@@ -136,7 +136,7 @@ def surfaces_table(data, wanted):
         if name not in wanted:
             continue
         if not surface.exists():
-            print(f"{name}: {surface} isn't there: skipped", file=sys.stderr)
+            print(f"{name}: {surface} doesn't exist: skipped", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
             row = bare_fit(pathlib.Path(folder), surface, degree)
@@ -204,7 +204,7 @@ def main():
             if not file:
                 run("generate", "--surface", surface, "-q")
             elif not surface.exists():
-                print(f"{name}: {surface} isn't there: skipped", file=sys.stderr)
+                print(f"{name}: {surface} doesn't exist: skipped", file=sys.stderr)
                 continue
             dense = surface
             if degree and subdivisions:
@@ -232,7 +232,7 @@ def main():
     for volume in VOLUMES if arguments.meshes == [name for name, *_ in MESHES] else []:
         path = arguments.data / volume
         if not path.exists():
-            print(f"{volume}: {path} isn't there: skipped", file=sys.stderr)
+            print(f"{volume}: {path} doesn't exist: skipped", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory() as folder:
             _, row = parametrize(pathlib.Path(folder), path, "equal-area")

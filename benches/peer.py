@@ -65,8 +65,8 @@ class Problem:
         self.files = [folder / f"{name}.{what}.npy" for what in ["directions", "targets"]]
         np.save(self.files[0], directions)
         np.save(self.files[1], targets)
-        # The file has the vertices as they are, and `peer` normalises them: normalising them twice would change the
-        # sampling.
+        # The file has the vertices without normalisation, because `peer` normalises them: normalising them twice would
+        # change the sampling.
         u = directions / np.linalg.norm(directions, axis=1)[:, None]
         self.loc = np.stack(
             [np.arctan2(np.hypot(u[:, 0], u[:, 1]), u[:, 2]), np.arctan2(u[:, 1], u[:, 0]) % (2 * np.pi)], axis=1
@@ -169,7 +169,7 @@ def transforms(peer, folder, repeats):
         back, _ = seconds(lambda: [problem.adjoint(s, 1e-12) for s in samples], count)
         found = np.load(folder / "out.samples.npy")
         off = np.abs(found - np.stack(samples, axis=1)).max() / np.abs(found).max()
-        assert off < 1e-11, f"the two disagree by {off:.1e}"
+        assert off < 1e-11, f"the transforms differ from ducc0's by {off:.1e}"
         for what, time_theirs in [("synthesis", theirs), ("adjoint", back)]:
             mine = statistics.median(ours[what])
             bar(f"{what}, n = {n:,}, L = {max_degree}", limit, mine / time_theirs, f"{mine:.4f} s / {time_theirs:.4f} s")
@@ -232,7 +232,7 @@ def samples(peer, folder, sizes):
 def cortex(peer, folder, repeats):
     problem = load(folder, "cort40962", 100)
     reference = json.loads((DATA / "reference.json").read_text())["cort40962"]["results"]["least-squares L=100"]["msd"]
-    # Searches the coarsest epsilon at which ducc0 reaches the reference.
+    # Searches for the coarsest epsilon at which ducc0 reaches the reference.
     for epsilon in [1e-3, 1e-4, 1e-5, 1e-6]:
         theirs, alms = seconds(lambda: problem.analysis(epsilon, 500), repeats)
         msd, optimality = problem.judge(alms)
@@ -351,7 +351,7 @@ def main():
             if "head" in arguments.only:
                 head(peer, folder)
         elif {"cortex", "head"} & set(arguments.only):
-            print(f"# {DATA} isn't there: cort40962 and head27618 are left out")
+            print(f"# {DATA} doesn't exist: cort40962 and head27618 are left out")
         if "large" in arguments.only:
             large(peer, folder, *arguments.large)
     out = ROOT / "bench" / "peer.json"

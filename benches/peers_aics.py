@@ -120,7 +120,7 @@ def shapes():
 
 
 def random_coefficients(count, degree, seed):
-    """Returns the tests' random coefficients, of which that of degree 0 is 5, (count, 2, L + 1, L + 1)."""
+    """Returns the tests' random coefficients, with 5 at degree 0, (count, 2, L + 1, L + 1)."""
     found = np.tril(np.random.default_rng(seed).normal(size=(count, 2, degree + 1, degree + 1)))
     found[:, 1, :, 0] = 0
     found[:, 0, 0, 0] = 5

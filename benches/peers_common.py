@@ -1,4 +1,4 @@
-"""What the reproductions of peers' published tests share: results, quadratures, and rotations of single harmonics."""
+"""Shared code of the reproduced tests of peers: results, quadratures, and rotations of single harmonics."""
 
 import warnings
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Result:
     quantity: str
     difference: float
     bar: float = BAR
-    #: The reason for another bar.
+    #: Reason for a bar other than the usual one.
     note: str = ""
 
     @property
@@ -30,7 +30,7 @@ class Result:
 def compare(quantity, found, known, bar=BAR, note=""):
     found, known = np.asarray(found), np.asarray(known)
     if found.shape != known.shape:
-        raise ValueError(f"{quantity}: expected shape {known.shape}, as of the peer's result; found {found.shape}")
+        raise ValueError(f"{quantity}: expected shape {known.shape}, that of the peer's result; found {found.shape}")
     scale = np.abs(known).max()
     return Result(quantity, float(np.abs(found - known).max() / (scale if scale > 0 else 1.0)), bar, note)
 
@@ -64,7 +64,7 @@ def driscoll_healy(rows, columns):
 def fit(directions, values, degree, weights="uniform", tolerance=TOLERANCE):
     """Returns least-squares coefficients, (K, c) or (K,). With a quadrature's weights they are its integrals."""
     if not isinstance(weights, str):
-        # A weight of 0 is that of a pole, with a direction for each longitude.
+        # Leaves out the poles, which have weight 0 and a direction for each longitude.
         directions, values, weights = (array[weights > 0] for array in (directions, values, weights))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the sphere: [0-9]+ directions are equal", sp.SpharmWarning)

@@ -80,7 +80,8 @@ def mixed_spectrum():
 def uneven_surface():
     """ktch/harmonic/tests/test_spherical_harmonic_analysis.py: TestSHAFlatRoundTripAxisOrder (0.11)
 
-    A surface beyond the degree of the fit, and, as in TestSHAInverseTransformLMaxTruncation, its lower degrees.
+    Fits a surface that needs higher degrees than the fit has, and evaluates the model at its degree and, as in
+    TestSHAInverseTransformLMaxTruncation, at a lower one.
     """
     thetas, phis = np.linspace(0.01, np.pi - 0.01, 60), np.linspace(0, 2 * np.pi, 120, endpoint=False)
     theta, phi = (angle.ravel() for angle in np.meshgrid(thetas, phis, indexing="ij"))

@@ -49,7 +49,7 @@ def quadrature(grid, degree):
 def transforms():
     """examples/python/ducctest.py: test_SHT (35e52a6f)
 
-    The test's seed, and the first of its degrees.
+    Uses the test's seed, and the first of its degrees.
     """
     yield from transformed(127, ("ortho", "4pi", "schmidt"))
 
@@ -57,7 +57,7 @@ def transforms():
 def transforms_unnormalised():
     """examples/python/ducctest.py: test_SHT, unnorm (35e52a6f)
 
-    The test's seed, and the last of its degrees.
+    Uses the test's seed, and the last of its degrees.
     """
     yield from transformed(85, ("unnorm",))
 
@@ -80,7 +80,7 @@ def transformed(degree, normalizations):
 def accuracy_glq():
     """examples/python/TimingAccuracy/TimingAccuracyGLQ.py: TimingAccuracyGLQ (04de1342)
 
-    The first degrees, powers of 2.
+    Uses the test's first degrees, powers of 2.
     """
     degree = 128
     cilm = power_law(np.random.RandomState(0), degree)
@@ -95,7 +95,8 @@ def accuracy_glq():
 def accuracy_dh():
     """examples/python/TimingAccuracy/TimingAccuracyDH.py: TimingAccuracyDH (353c2d33)
 
-    The first degrees, powers of 2. The test's seed gives other coefficients here, which are drawn to a lower degree.
+    Uses the test's first degrees, powers of 2. The seed gives other coefficients than in the test, because here they
+    are drawn only to a lower degree.
     """
     degree = 128
     cilm = power_law(np.random.RandomState(0), degree)
@@ -115,7 +116,8 @@ def power_law(generator, degree):
 def least_squares():
     """examples/fortran/SHExpandLSQ/TestSHExpandLSQ.f95: TestSHExpandLSQ (3a7507fd)
 
-    400 points, from a uniform distribution in a cube, and a field of degree 120 in place of the topography of Mars.
+    Uses 400 points, from a uniform distribution in a cube, and a field of degree 120 in place of the topography of
+    Mars.
     """
     generator, degree = np.random.default_rng(13453), 120
     directions = generator.uniform(-1, 1, (400, 3))
@@ -130,7 +132,7 @@ def least_squares():
         yield compare(f"SHExpandLSQ, degree {lmax}", found, canonical(cilm))
         residual = values - sp.Transform(directions, lmax).synthesis(found)
         yield compare(f"sum of squared residuals, degree {lmax}", (residual**2).sum(), chi2)
-    # The last degree of the test. A dense solution differs from pyshtools' by 7e-10.
+    # The test's last degree; even a dense solution differs from pyshtools' by 7e-10.
     cilm, _ = sh.expand.SHExpandLSQ(values, latitude, longitude, 19)
     found = fit(directions, values, 19, tolerance=1e-12)
     note = "400 points for 400 coefficients, condition number 1.5e6, which normal equations square"
@@ -189,7 +191,7 @@ def rotations():
 def rotations_of_random_fields():
     """examples/python/ducctest.py: test_rot (35e52a6f)
 
-    The test's seed and angles, and the first of its degrees.
+    Uses the test's seed and angles, and the first of its degrees.
     """
     field = sh.SHCoeffs.from_random(inverse_square(127), seed=12345)
     known = field.rotate(47, 27, 59, degrees=True)
@@ -240,7 +242,7 @@ def coupling(window, degree):
 def wigner_symbols():
     """examples/python/Other/TestOther.py: TestWigner (1c64f698)
 
-    Squares of the test's first symbols; spharm_rs has no symbols with orders, as the test's second are.
+    Compares the squares of the test's first symbols. The second ones have orders, which spharm_rs doesn't support.
     """
     symbols, least, most = sh.utils.Wigner3j(4, 2, 0, 0, 0)
     unit = np.eye(most + 1)[least:]
@@ -258,8 +260,9 @@ def coupling_matrix():
 def tapered_spectra():
     """examples/python/LocalizedSpectralAnalysis/SHMultitaperSE.py: test_MultitaperSE (c8610545)
 
-    spharm_rs has no spherical Slepian functions: the test's tapers are pyshtools', and what follows is compared. The
-    test gives no place; pyshtools 4.14.1 then takes latitude 0, where its documentation states the north pole.
+    spharm_rs has no spherical Slepian functions, so the tapers are computed by pyshtools, and only the steps after that
+    are compared. The test gives no location; pyshtools 4.14.1 then takes latitude 0, although its documentation states
+    the north pole.
     """
     analysis, count = sh.spectralanalysis, 3
     tapers, _, orders = analysis.SHReturnTapers(np.radians(20), 20)

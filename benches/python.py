@@ -144,7 +144,7 @@ import numpy as np, spharm_rs as sp
 def status(field):
     return int(re.search(field + r":\\s+(\\d+) kB", open("/proc/self/status").read())[1]) * 1024
 d = np.load(sys.argv[1])
-sp.fit(d[:100], d[:100], 2, threads=2)  # what is loaded once
+sp.fit(d[:100], d[:100], 2, threads=2)  # so that memory used once per process isn't counted
 before = status("VmRSS")
 m = sp.fit(d, d, 50, threads=2)
 print(status("VmHWM") - before)

@@ -83,7 +83,7 @@ def write(path, values, voxel=VOXEL):
 
 
 def spoilt(kind, random, path, others):
-    """Writes the volume of a subject that is spoilt."""
+    """Writes the volume of a spoilt subject."""
     mask = body(random)
     if kind == "unit":
         write(path, mask, VOXEL / 10)

@@ -235,7 +235,7 @@ def main():
             if DATA.is_dir():
                 alignments(program)
             else:
-                print(f"# {DATA} isn't there: 2a to 2e are left out")
+                print(f"# {DATA} doesn't exist: 2a to 2e are left out")
         if "times" in arguments.only:
             times(program)
     out = ROOT / "bench" / "shape.json"

@@ -251,7 +251,7 @@ def main():
     page = Page(arguments.quick)
     for name in arguments.parts or known:
         if name not in known:
-            parser.error(f"{name}: there are {', '.join(known)}")
+            parser.error(f"{name}: expected one of {', '.join(known)}")
         started = time.perf_counter()
         known[name](page, arguments.quick)
         print(f"({name}: {time.perf_counter() - started:.0f} s)", flush=True)

@@ -1,8 +1,8 @@
-# What the scripts for other platforms share. They source it.
+# Functions shared by the packaging scripts, which source this file.
 
 say() { printf '\n== %s (%d s)\n' "$*" "$SECONDS" >&2; }
 
-# Installs packages of Debian, unless there is a command.
+# Installs Debian packages unless a command exists: need COMMAND PACKAGE...
 need() {
   local command=$1; shift
   command -v "$command" >/dev/null && return
@@ -12,7 +12,7 @@ need() {
   DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
-# Rust's name of a platform; nothing for an unknown one.
+# Prints Rust's target triple of a platform; nothing for an unknown platform.
 triple() {
   case $1 in
     musl) echo x86_64-unknown-linux-musl ;;
@@ -35,8 +35,8 @@ compilers() {
 }
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 
-# One folder: program, its two other names, manual pages, completions. The arguments after folder and program are a command
-# that runs the program.
+# Fills a folder with the program, its two other names, manual pages and completions: stage FOLDER PROGRAM COMMAND...
+# COMMAND runs the program.
 stage() {
   local folder=$1 program=$2 shell; shift 2
   rm -rf "$folder"

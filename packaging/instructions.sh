@@ -17,7 +17,8 @@ build vector
 RUSTFLAGS="-C no-vectorize-loops -C no-vectorize-slp" build plain
 cc -shared -fPIC -O2 -o "$out/count.so" packaging/count_instructions.c
 
-# Instructions of a kernel, in millions: those of two calls less those of one.
+# Prints the instructions of one call of a kernel, in millions: those of a run with two calls minus those of a run with
+# one.
 count() {
   local program=$out/$1/$target/release/examples/instructions once twice
   run() { RAYON_NUM_THREADS=1 qemu-aarch64 -L /usr/aarch64-linux-gnu -plugin "$out/count.so,only=spharm_transform" "$program" "$@" 2>&1 >/dev/null; }

@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# Makes the packages of a release in target/packages, and tries each where there is no compiler. `./run package` calls it.
+# Makes the packages of a release in target/packages, and tries each in an environment without a compiler. `./run
+# package` calls it.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$PWD/target/packages
 . packaging/common.sh
 name=spharm-$version-$(uname -m)-linux
 
-# Wheel and source distribution. zig links against the glibc of 2018, so that the wheel installs nearly everywhere.
+# Makes the wheel and the source distribution. zig links against the glibc of 2018, so that the wheel installs nearly
+# everywhere.
 wheel() {
   say "wheel and source distribution"
   rm -rf "$out"/*.whl "$out"/spharm_rs-*.tar.gz
@@ -21,7 +23,7 @@ tarball() {
   tar -C target/stage --owner=0 --group=0 -czf "$out/$name.tar.gz" "$name"
 }
 
-# The Debian package leaves out the names `fit` and `basis-build`, which are too common for a system's folder.
+# Makes the Debian package, without the names `fit` and `basis-build`, which are too common for /usr/bin.
 debian() {
   say "Debian package"
   if [ "$(target/deny/bin/cargo-deb --version 2>/dev/null)" != "$deb_version" ]; then
@@ -32,13 +34,14 @@ debian() {
 }
 deb_version=3.8.0
 
-# Fits an example with the program of a system or folder; the arguments are a command that runs others there.
+# Fits an example with an installed program. The arguments are a command prefix that runs a command in the program's
+# system or environment.
 try() {
   "$@" sh -euc 'cd "$(mktemp -d)"; spharm generate --subdivisions 4 --surface s.ply -q
     spharm fit --surface s.ply --max-degree 10 -o s.spharm.npz; spharm reconstruct --model s.spharm.npz -o r.ply; test -s r.ply'
 }
 
-# The program in a Debian without anything else, or, where such a system can't be made, with no other environment.
+# Tries the program in a minimal Debian system or, if such a system can't be made, with an empty environment.
 try_program() {
   local system=target/stage/system bare=target/stage/bare
   if [ "$(id -u)" = 0 ] && command -v debootstrap >/dev/null; then
@@ -59,7 +62,8 @@ try_program() {
   fi
 }
 
-# What has to hold of the wheel, and a fit with it in a new environment; then the same with the source distribution.
+# Checks the wheel's platform and exported symbols, and tries a fit with it in a new environment; then tries a fit with
+# the source distribution.
 try_python() {
   local venv=target/stage/venv exported
   say "the wheel, in a new environment"

@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
-# Builds the program for other platforms, and runs the README's commands there: the musl program as it is, the ARM program
-# by qemu's user emulation, the Windows program by Wine. `./run platforms [musl] [arm64] [windows] [macos]` calls it. For macOS, whose
-# libraries can't be had here, it is only checked by the compiler.
+# Builds the program for other platforms, and runs the README's commands there: the musl program directly, the ARM
+# program by qemu's user emulation, the Windows program by Wine. `./run platforms [musl] [arm64] [windows] [macos]`
+# calls it. For macOS, whose libraries aren't available here, the compiler only checks the program.
 #
-# Checks that coefficients differ from those of the musl program by rounding only, and that stores and models of each are
-# read on the other. Also runs the unit tests of the crates that call the system or choose kernels by the processor, and packs
-# the programs into target/packages.
+# Checks that coefficients differ from those of the musl program by rounding only, and that each platform can read the
+# stores and models of musl, and the reverse. Also runs the unit tests of the crates that call the system or choose
+# kernels by the processor, and packs the programs into target/packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$PWD/target/platforms
 
 . packaging/common.sh
 
-# The program for a platform.
+# Prints the path of the program for a platform.
 binary() {
   local suffix=
   [ "$1" != windows ] || suffix=.exe
@@ -39,8 +39,9 @@ build() {
   cargo build --release --target "$(triple "$1")" --bin spharm --no-default-features --features tables "${settings[@]}"
 }
 
-# Rust's standard library takes random numbers from bcryptprimitives.dll, which Windows has had since version 7 and Wine
-# only since 8.10. This function makes one for older versions of Wine, which calls the function that they have.
+# Makes a bcryptprimitives.dll for Wine before 8.10, which lacks it. Rust's standard library takes random numbers from
+# this library, which Windows has had since version 7. The replacement calls a function that older versions of Wine
+# have.
 random_numbers_for_wine() {
   mkdir -p "$out/wine-libraries"
   x86_64-w64-mingw32-gcc -shared -O2 -o "$out/wine-libraries/bcryptprimitives.dll" -x c - -ladvapi32 <<'END'
@@ -57,7 +58,7 @@ __declspec(dllexport) int __stdcall ProcessPrng(unsigned char *bytes, unsigned l
 END
 }
 
-# Runs the program of a platform. Wine starts with the folder that it is called from.
+# Runs the program of a platform, in the current folder, with Wine too.
 on() {
   local platform=$1 program; shift
   program=$PWD_OF_REPOSITORY/$(binary "$platform")
@@ -69,7 +70,7 @@ on() {
 }
 PWD_OF_REPOSITORY=$PWD
 
-# The README's commands, in a folder of the platform.
+# Runs the README's commands in a folder of the platform.
 commands() {
   local platform=$1 folder=$out/$1
   rm -rf "$folder"; mkdir -p "$folder/Größe µ"; cd "$folder"
@@ -111,7 +112,7 @@ across() {
   cd "$PWD_OF_REPOSITORY"
 }
 
-# Unit tests of the crates that call the system or choose kernels by the processor.
+# Runs the unit tests of the crates that call the system or choose kernels by the processor.
 unit_tests() {
   local crates=(-p spharm-files -p spharm-store -p spharm-harmonics -p spharm-transform)
   case $1 in
@@ -120,13 +121,13 @@ unit_tests() {
     windows) export CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER=wine ;;
   esac
   say "$1: unit tests"
-  # Properties are tested on fewer cases under qemu, which takes twenty times as long.
+  # Property tests run fewer cases under qemu, because they take twenty times as long there.
   local cases=256
   [ "$1" != arm64 ] || cases=8
   PROPTEST_CASES=$cases cargo test -q --lib "${crates[@]}" --target "$(triple "$1")"
 }
 
-# Packs the program for people: an archive with the program, manual pages, completions and documents, in target/packages.
+# Packs a release archive with the program, manual pages, completions and documents, in target/packages.
 pack() {
   local platform=$1 name
   case $platform in
@@ -144,8 +145,8 @@ pack() {
   fi
 }
 
-# Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, but
-# for the bare mesh: its map to the sphere is found by iterations that end at other roundings.
+# Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, or
+# above 1e-6 for the bare mesh, because rounding changes where the iterations of its map to the sphere end.
 differences() {
   "$PWD_OF_REPOSITORY/target/venv/bin/python" - "$out" "$@" <<'END'
 import sys, pathlib, numpy as np

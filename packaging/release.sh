@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Prepares a release: `./run release VERSION [--dry-run]`. Checks that VERSION is that of Cargo.toml, that it isn't tagged,
-# that the changelog has a dated section for it, that the owner has filled in the repository's address, and that nothing is
-# uncommitted. Then writes to target/packages, beside the packages that are there: the notes, a list of all dependencies
-# (CycloneDX), and the checksums of all files. Without --dry-run it also makes the tag, but uploads nothing: the commands for
-# that are printed. With --dry-run, what would stop the release is listed, and the files are written all the same.
+# Prepares a release: `./run release VERSION [--dry-run]`. Checks that VERSION is that of Cargo.toml, that it isn't
+# tagged, that the changelog has a dated section for it, that the owner has filled in the repository's address, and that
+# nothing is uncommitted. Then writes into target/packages, in addition to the packages made earlier: the notes, a list
+# of all dependencies (CycloneDX), and the checksums of all files. Without --dry-run it also makes the tag, but uploads
+# nothing: the commands for that are printed. With --dry-run, obstacles to the release are only listed, and the files
+# are still written.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . packaging/common.sh
@@ -30,7 +31,7 @@ if grep -q "^## ${wanted//./\\.} (not released" CHANGELOG.md; then problems+=("C
 grep -q '^repository = ""' Cargo.toml && problems+=("Cargo.toml: the repository's address is missing")
 git rev-parse -q --verify "refs/tags/v$wanted" >/dev/null && problems+=("the tag v$wanted exists")
 [ -z "$(git status --porcelain)" ] || problems+=("there are uncommitted changes")
-# What `./run package`, `./run platforms` and `./run wheels` make.
+# Files that `./run package`, `./run platforms` and `./run wheels` must have made.
 for file in "spharm_rs-$wanted.tar.gz" "spharm_rs-$wanted-*-manylinux_*_x86_64.whl" "spharm-$wanted-x86_64-linux.tar.gz" "spharm_$wanted-*.deb" \
   "spharm-$wanted-x86_64-linux-musl.tar.gz" "spharm-$wanted-aarch64-linux.tar.gz" "spharm-$wanted-x86_64-windows.zip" \
   "spharm_rs-$wanted-*-musllinux_*_x86_64.whl" "spharm_rs-$wanted-*-manylinux_*_aarch64.whl" "spharm_rs-$wanted-*-win_amd64.whl"; do

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# Builds the Python package's wheels for other platforms in target/packages. `./run wheels [musl] [arm64] [windows]` calls it.
+# Builds the Python package's wheels for other platforms in target/packages. `./run wheels [musl] [arm64] [windows]`
+# calls it.
 #
 # zig compiles and links for any Linux with musl (musllinux_1_2) and for ARM64 with the glibc of 2018 (manylinux_2_28);
-# MinGW for Windows. The ARM64 wheel is installed beside NumPy's and fits a surface in Debian's Python, run by qemu. There is
-# neither a Python for musl nor one for Windows to be had here: of their wheels the needed libraries are checked.
+# MinGW for Windows. The ARM64 wheel is installed together with NumPy and fits a surface in Debian's Python, run by
+# qemu. No Python for musl or Windows is available here, so for their wheels only the required libraries are checked.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$PWD/target/packages
@@ -19,13 +20,13 @@ wheel() {
   esac
   compilers "$platform"
   say "$platform: wheel"
-  # Otherwise the compiler for ARM64 would link in place of zig.
+  # Otherwise the cross compiler's linker would be used in place of zig.
   unset CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER
   PATH="$python:$PATH" maturin build --release --target "$(triple "$platform")" "${zig[@]}" --compatibility "$compatible" \
     --no-default-features --compression-level 9 -o "$out"
 }
 
-# The path of a platform's wheel.
+# Prints the path of a platform's wheel.
 path() {
   case $1 in
     musl) ls "$out"/spharm_rs-"$version"-*-musllinux_*_x86_64.whl ;;
@@ -34,7 +35,7 @@ path() {
   esac
 }
 
-# Debian 12's Python for ARM64, with the libraries that it needs, unpacked into a folder of its own. The system's list of
+# Unpacks Debian 12's Python for ARM64, with the libraries that it needs, into a separate folder. The system's list of
 # packages isn't touched.
 python_for_arm64() {
   root=$PWD/target/platforms/python-arm64

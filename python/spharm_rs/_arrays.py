@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Triangles = NDArray[np.uint32]
 
 
-#: Codes of GIfTI's data arrays: of a mesh, of the numbers of vertices with values, and of labels.
+#: GIfTI's intent codes of arrays of positions, triangles, numbers of vertices with values, and labels.
 _POINTS, _TRIANGLES, _VERTEX_NUMBERS, _LABELS = 1008, 1009, 2002, 1002
 
 
@@ -87,7 +87,7 @@ def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Fl
 
 
 def _joined(what: str, rows: list[Any] | tuple[Any, ...], shape: str) -> Any:
-    """Returns rows of which some are masked arrays as one masked array; NumPy's ``asarray`` would drop their masks."""
+    """Stacks rows, some of them masked arrays, into one masked array; NumPy's ``asarray`` would drop their masks."""
     try:
         masks = [np.ma.getmaskarray(row) for row in rows]
         return np.ma.array(np.stack([np.ma.getdata(row) for row in rows]), mask=masks)
@@ -139,7 +139,8 @@ def channels(what: str, values: ArrayLike) -> Floats:
 
 
 def at_vertices(what: str, values: ArrayLike) -> Floats:
-    """Returns values on vertices as `channels` does, and refuses models, which NumPy would take for their coefficients."""
+    """Returns values on vertices as `channels` does, and refuses models, which NumPy would read as their
+    coefficients."""
     if hasattr(type(values), "max_degree"):
         raise ValueError(f"{what}: expected a value for each vertex, found a {type(values).__name__}; call its evaluate()")
     return channels(what, values)
@@ -155,8 +156,9 @@ def at_each(what: str, values: ArrayLike, count: int) -> Floats:
 
 
 def of_grid(what: str, values: Any, at: Floats) -> tuple[Floats, tuple[int, ...] | None]:
-    """Returns values (n_latitude, n_longitude) or (n_latitude, n_longitude, c) of n directions as (n,) or (n, c), and the
-    grid's shape; values of another shape, and None. Refuses values of a grid whose axes are exchanged."""
+    """Flattens values on a grid of n directions, (n_latitude, n_longitude) or (n_latitude, n_longitude, c), to (n,) or
+    (n, c), and also returns the grid's shape. Returns other values unchanged, with None. Refuses values whose axes are
+    exchanged."""
     array = real(what, values, "(n,) or (n, c), or that of a grid", flags=True)
     shape = array.shape
     if array.ndim not in (2, 3) or shape[0] == len(at) or shape[0] * shape[1] != len(at):
@@ -168,14 +170,15 @@ def of_grid(what: str, values: Any, at: Floats) -> tuple[Floats, tuple[int, ...]
 
 
 def _of_rings(at: Floats, rows: int, columns: int) -> bool:
-    """Returns whether the rows or the columns of directions (rows, columns) are at one latitude each, all different."""
+    """Returns whether directions, arranged as (rows, columns), have one latitude in each row, or in each column, and
+    different ones in neighbouring rows or columns."""
     with np.errstate(all="ignore"):
         sines = (at[:, 2] / np.linalg.norm(at, axis=1)).reshape(rows, columns)
     return any(np.ptp(of, axis=1).max() < 1e-6 and abs(np.diff(of[:, 0])).min(initial=1) > 1e-6 for of in (sines, sines.T))
 
 
 def raveled(given: Any, grid: tuple[int, ...] | None) -> Any:
-    """Returns a mask, weights or noise of a grid in the order of its directions; anything else unchanged."""
+    """Returns a mask, weights or noise on a grid in the order of its directions, and anything else unchanged."""
     if grid is None or given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != grid:
         return given
     if isinstance(given, (list, tuple)):
@@ -218,8 +221,8 @@ def _filled(values: Any, missing: bool) -> Any:
 
 
 def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
-    """Returns whether each vertex is read, (n,), from an array, an image or a file, or None for all. Masked elements of
-    an array are false."""
+    """Returns a flag for each vertex, true if it is used, (n,), from a mask given as an array, an image or a file; None
+    for all vertices. Masked elements of an array are false."""
     if values is None:
         return None
     if isinstance(values, (str, os.PathLike)):
@@ -238,7 +241,7 @@ def graded_mask(values: ArrayLike, count: int) -> Floats:
 
 
 def _mask_of_image(image: Any, vertices: int) -> NDArray[np.bool_]:
-    """Returns the mask of an image, of which 0 leaves a vertex out, as of a file."""
+    """Returns the mask in an image, in which 0 leaves a vertex out, as in a mask's file."""
     array = np.asarray(unwrapped("mask", image))
     if array.shape == (vertices, 1):
         array = array[:, 0]
@@ -256,7 +259,7 @@ def _mask_of_image(image: Any, vertices: int) -> NDArray[np.bool_]:
 
 
 def _mask_of_labels(image: Any, vertices: int) -> NDArray[np.bool_]:
-    """Returns the mask of nibabel's image of labels: all regions but unknown and the medial wall, as of a file."""
+    """Returns the mask in a nibabel image of labels: all regions except unknown and the medial wall, as for a file."""
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder, "mask.label.gii")
         path.write_bytes(image.to_bytes())

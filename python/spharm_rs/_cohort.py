@@ -151,9 +151,8 @@ def fit_cohort(
 ) -> CohortFits:
     """Fits many surfaces from files and writes their models, as ``spharm fit --manifest`` does.
 
-    Rows that share a sphere are fitted together, in memory that doesn't grow with the number of rows. The fits start at
-    once,
-    on separate threads; the iterator returns their outcomes.
+    Rows that share a sphere are fitted together, in memory that doesn't grow with the number of rows. The fits start
+    immediately, on separate threads; the iterator returns their outcomes.
 
     Parameters
     ----------
@@ -195,7 +194,7 @@ def fit_cohort(
     axes : {"xyz", "zyx"}
         Order of the axes of NumPy files, as for `parametrize_volume`.
     channel, time, threshold, probability, label_surface, smooth_radius
-        Images and values of volumes and surfaces of labels, as for `parametrize_volume`.
+        How to read volumes and make surfaces of their labels, as for `parametrize_volume`.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
         As for `fit`; weights are given by name, or by files in the table's column.
     start_degree, accelerate, tolerance, max_iterations, preconditioner, strict, dtype, memory, threads

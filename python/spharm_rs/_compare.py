@@ -92,11 +92,11 @@ def compare(
     Parameters
     ----------
     surface, other : Model, Surface, or what `as_surface` takes
-        Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
-        if the model was fitted to it, or else on an icosphere of 163,842 vertices, as always for ``surface_distance=True``
-        of closed surfaces without a mask: the flat triangles of a coarse mesh would count as a distance. Equal directions of
-        two models whose surfaces were mapped separately don't correspond, so the distance between these surfaces is
-        measured.
+        Two models are compared at equal directions, the vertices of an icosphere. A model and a mesh are compared at
+        the mesh's vertices if the model was fitted to it, otherwise on an icosphere of 163,842 vertices. For
+        ``surface_distance=True`` of closed surfaces without a mask, models are always evaluated on this icosphere,
+        because the flat triangles of a coarser mesh would count as a distance. If two models' surfaces were mapped
+        separately, equal directions don't correspond, so the distance between the surfaces is measured.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
         triangles differ, or for models mapped separately. With False, such models are compared at equal directions, with a
@@ -201,7 +201,8 @@ _FINE = 10 * 4**_LEVEL + 2
 
 
 def _surfaces(surface: Any, other: Any, threads: int | None) -> tuple[Surface, Surface]:
-    """Returns the compared surfaces: corresponding ones for two models, and for a model over the sphere of the mesh."""
+    """Returns the surfaces to compare, which correspond for two models, and for a model and the mesh to which it was
+    fitted."""
     for name, one in (given := (("surface", surface), ("other", other))):
         if isinstance(one, Model) and not one.is_surface:
             raise ValueError(f"{name}: expected a surface, found a model of a signal, {one!r}")

@@ -89,8 +89,8 @@ def _settings(
 
 
 def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bool]:
-    """Returns the directions and triangles of a surface's sphere, and whether it is a map; its triangles by default are
-    the surface's."""
+    """Returns the directions of a surface's sphere, its triangles, which by default are the surface's, and whether
+    `parametrize` made the sphere."""
     directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
     if directions is not None and len(directions) != vertices:
         raise errors.MeshError(
@@ -136,7 +136,7 @@ def _check_values(
     """Refuses values, (n, c), that are NaN or infinite at vertices that are read, or in rows of scattered samples. `flat` says
     whether they were given without an axis of channels."""
     finite = np.isfinite(values)
-    if finite.all():  # a sixth of the time of a row by row check
+    if finite.all():  # takes a sixth of the time of a row-by-row check
         return
     bad = ~finite.all(axis=1)
     masked = settings["mask"] is not None
@@ -262,12 +262,12 @@ def fit(
         the vertices alone, as in the paper. By default the surface if triangles are given; the vertices for signals and
         with a store.
     weights : {"uniform", "area"} or array_like of float, (n,)
-        Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
-        be NaN; a fit of the surface leaves out the triangles that they are corners of. For ``stderr``, weights have to
-        be proportional to the inverse variances of the values; see there.
+        Weight of each vertex: 1, its share of the sphere, or the given number. Values at vertices of weight 0 are never
+        read, and may be NaN; a fit of the surface leaves out the triangles at these vertices. With ``stderr``, weights
+        must be proportional to the inverse variances of the values, as described there.
     mask : array_like of bool, (n,), path, or image, optional
-        Vertices to read; the others have weight 0, and may be NaN over a sphere. A file or an image (of nibabel or nilearn)
-        has a value for each vertex, of which 0 leaves it out, or is a FreeSurfer label, or a label of GIfTI. An array has
+        Vertices to read; the others have weight 0, and may be NaN over a sphere. A file or an image (of nibabel or
+        nilearn) has a value for each vertex, and 0 leaves it out, or is a label of FreeSurfer or GIfTI. An array has
         true and false, or 1 and 0; masked elements of a masked array are left out. Outside of the mask the model is an
         extrapolation, not data; the model doesn't record its mask.
     smoothness : float or "auto", optional
@@ -305,7 +305,7 @@ def fit(
     start_degree : int
         Last degree of the first block of ``sirf`` and ``mirf``.
     accelerate : bool
-        Conjugate gradients over pairs of passes, for ``irf`` and ``mirf``.
+        Use conjugate gradients over pairs of passes, for ``irf`` and ``mirf``.
     tolerance : float
         Optimality that ``lsq`` must reach: the gradient relative to the gradient at zero coefficients.
     max_iterations : int
@@ -338,7 +338,7 @@ def fit(
     Raises
     ------
     ValueError
-        If arguments have other shapes or values, or if an image with a mesh and values is given with a sphere.
+        If an argument has an invalid shape or value, or if an image with a mesh and values is given with a sphere.
     MeshError
         If the surface can't be mapped, or doesn't belong to the sphere; or if a value that is read is NaN or infinite. It is
         a ``ValueError``, too.
@@ -453,9 +453,9 @@ def choose_degree(
     threads: int | None = None,
     progress: Progress = None,
 ) -> int:
-    """Returns the lowest degree with which the model of a surface is accurate enough, found by some fits.
+    """Finds the lowest degree at which the model of a surface is accurate enough, by a few trial fits.
 
-    Models of a group should have one degree: the highest that some of its surfaces need.
+    Models of a group should have the same degree: the highest that any of its surfaces needs.
 
     Parameters
     ----------
@@ -471,12 +471,12 @@ def choose_degree(
     Returns
     -------
     int
-        At most 256, and with at most as many functions as the surface has vertices.
+        The degree, at most 256, and with no more basis functions than the surface has vertices.
 
     Warns
     -----
     NotDetermined
-        If no such degree is accurate enough. The degree is then at most that which resolves one and a half edges.
+        If no such degree is accurate enough. The degree is then at most the one that resolves one and a half edges.
 
     Examples
     --------
@@ -527,8 +527,9 @@ def solve(
     transform : Transform or ndarray of float, (n, 3)
         The directions with a degree; or only the directions.
     values : array_like of float, (n,) or (n, c), or (n_latitude, n_longitude) or (n_latitude, n_longitude, c), or image
-        A value for each direction. Values on a grid are read in C order, as `spectra.directions` and
-        `spectra.Grid.directions` have the points. Values with a mask or weight of 0 are never read, and may be NaN.
+        A value for each direction. Values on a grid are read in C order, the order of the points in
+        `spectra.directions` and `spectra.Grid.directions`. Values with a mask or weight of 0 are never read, and may be
+        NaN.
     max_degree : int, optional
         Required with directions; by default the transform's.
     weights, mask
@@ -543,7 +544,7 @@ def solve(
     Returns
     -------
     coefficients : ndarray of float, (K,) or (K, c)
-        Of the shape of the values, as `Transform.adjoint` has it; (K,) for values (n_latitude, n_longitude).
+        With the channels of the values, as from `Transform.adjoint`; (K,) for values (n_latitude, n_longitude).
     report : dict
         ``report["solver"]`` contains iterations, optimality and condition; with ``stderr``, ``report["standard_errors"]``
         the standard errors of the coefficients, an array of their shape, which `spectra.spectrum` takes as ``errors``.
@@ -595,7 +596,7 @@ def solve(
         threads=threads,
     )
     _check_values("values", array, settings, scattered=True, flat=flat)
-    # The transform is planned, but perhaps to another degree, or too coarsely.
+    # The given transform may be planned for another degree, or with too low an accuracy.
     planned = isinstance(transform, Transform) and transform._inner.serves(degree)
     at = transform._inner if isinstance(transform, Transform) and planned else directions
     coefficients, deviations, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))

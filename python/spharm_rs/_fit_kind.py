@@ -23,7 +23,7 @@ def warn_of_signal(values: Floats, triangles: Triangles) -> None:
     a, b, c = (corners[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     volume, area = float((a * normals).sum()) / 6, float(np.linalg.norm(normals, axis=1).sum()) / 2
-    # Of points on a line, both figures are rounding errors.
+    # For points on a line, volume and area are rounding errors.
     if area < _LEAST_AREA or 36 * np.pi * volume**2 < _LEAST * area**3:
         warn(
             [

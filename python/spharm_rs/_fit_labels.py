@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 #: made of voxels.
 _AREA = 1e-5
 
-#: Relative differences of the model's volume from the label's above which there is a warning, as of ``spharm volumes``:
-#: of a label whose handles were cut, and of one that was neither repaired nor cut.
+#: Relative differences between the volumes of the model and of the label above which there is a warning, as in
+#: ``spharm volumes``: for labels whose handles were cut, and for labels that were neither repaired nor cut.
 _CUT, _INEXACT = 0.05, 0.02
 
 
@@ -101,8 +101,8 @@ def fit_labels(
     volume : str, os.PathLike or array_like of int, (i, j, k)
         As for `parametrize_volume`; floats are taken if they are whole numbers.
     max_degree : int, optional
-        Highest degree L, inclusive. By default from 4 to 60, by the median number of the labels' voxels: the model of such
-        a label resolves one and a half voxels. Give the same degree for all volumes that you compare.
+        Highest degree L, inclusive. By default from 4 to 60, so that the model of a label with the median number of
+        voxels resolves one and a half voxels. Give the same degree for all volumes that you compare.
     labels : iterable of int, or int, optional
         Labels to fit; by default all but 0, the background.
     channel, time, label_surface, smooth_radius, affine, spacing, axes
@@ -159,7 +159,7 @@ def fit_labels(
     if not there:
         raise MeshError(f"{name}: expected a label, found only 0, the background")
     items = [_item(there, label) for label in (there if chosen is None else chosen)]
-    # A label that the volume doesn't have isn't left out, so that it fails.
+    # Labels that the volume doesn't have are kept, so that fitting them raises an error.
     items = [one for one in items if one.label not in there or one.voxels >= least and not (skip_border and one.at_border)]
     sizes = [one.voxels for one in items if one.voxels > 0]
     degree = core.degree(sizes) if max_degree is None else _arrays.whole("max_degree", max_degree)
@@ -195,7 +195,7 @@ def fit_labels(
 
 
 def _whole(volume: Path | ArrayLike) -> Any:
-    """Returns a volume; an array of floats as integers, if they are whole numbers."""
+    """Returns a volume, with an array of floats converted to integers if all are whole numbers."""
     if isinstance(volume, (str, os.PathLike)) or np.ma.is_masked(volume):
         return volume
     array = np.asarray(volume)
@@ -203,7 +203,7 @@ def _whole(volume: Path | ArrayLike) -> Any:
         return array
     if np.isnan(array).any():
         raise ValueError("volume: expected whole numbers as labels, found NaN; if NaN is the background, set it to 0")
-    # Other numbers are refused where the array is checked.
+    # Other numbers are refused later, when the array is checked.
     return array.astype(np.int64) if (array == np.rint(array)).all() and (abs(array) < 2**53).all() else array
 
 
@@ -216,7 +216,7 @@ def _chosen(labels: Iterable[int] | int) -> list[int]:
 
 
 def _item(there: dict[int, tuple[int, bool]], label: int) -> LabelFit:
-    """Returns a label that isn't fitted yet."""
+    """Returns the outcome of a label before it is fitted."""
     voxels, at_border = there.get(label, (0, False))
     return LabelFit(label, voxels, at_border)
 

@@ -200,7 +200,7 @@ def _refuse_other_triangles(
     name: str, values: Floats, own: Any, metadata: tuple[Metadata, Metadata], directions: Floats, faces: Any
 ) -> None:
     """Refuses a surface whose triangles aren't the sphere's, as `fit` does; a surface without a file gets `name`."""
-    # The fits themselves refuse another number of vertices.
+    # A wrong number of vertices is refused by the fits themselves.
     if len(values) != len(directions) or np.array_equal(own, faces):
         return
     of_surface, of_sphere = metadata
@@ -317,7 +317,7 @@ def processors() -> int:
 
 
 class _Stopped(Exception):
-    """Ends a fit whose result nobody waits for."""
+    """Ends a fit whose result is no longer needed."""
 
 
 _Item = TypeVar("_Item")
@@ -332,8 +332,8 @@ def in_parallel(
 ) -> Generator[_Found, None, None]:
     """Applies `work` to several items at a time, and yields the results in order.
 
-    `work` gets a function as well, which it calls now and then, and which stops it if nobody waits for the result.
-    An error is raised, or `failed` returns the result in its place.
+    `work` also gets a function that it must call from time to time, which stops it if its result is no longer needed.
+    An error is raised or, if `failed` is given, replaced by the result of `failed`.
     """
     stopped = threading.Event()
 
@@ -347,7 +347,7 @@ def in_parallel(
         try:
             more = True
             while more or running:
-                # One item more than workers, so that none waits while a result is used.
+                # One item more than workers, so that no worker idles while the caller uses a result.
                 while more and len(running) <= workers:
                     try:
                         item = next(left)

@@ -1,9 +1,8 @@
 """Loads the extension module with the kernels that fit this processor.
 
-OpenBLAS chooses its kernels once, while it is loaded, from the environment. It treats processors that are newer than
-itself
-as processors of 2004. So this module sets the environment variable while the extension module is loaded, as the program
-`spharm` does for itself.
+OpenBLAS chooses its kernels once, while it is loaded, and an environment variable can set them. By itself, it treats
+processors that are newer than OpenBLAS as processors of 2004. So this module sets the environment variable while the
+extension module is loaded, as the program `spharm` does for itself.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from ._warnings import warn
 from .reports import FitReport
 
 
-#: Subdivisions of the icosphere on which it is seen whether a surface's triangles face inwards.
+#: Subdivisions of the icosphere on which a surface is checked for triangles that face inwards.
 _TO_SEE_SIDES = 4
 
 _MIRRORED = (
@@ -60,9 +60,10 @@ class Model(Values, Meshes):
     >>> model.surface(3)
     Surface(642 vertices, 1280 faces)
 
-    Models are values: sums, differences and multiples are of the coefficients, those of missing degrees being 0, over the
-    sphere of the first model. Multiples keep the standard errors, and so does `truncate`. ``model[l]`` has the coefficients
-    of a degree, (2 l + 1, c), ``model[l, m]`` those of an order, (c,), and ``len(model)`` is the number of degrees, L + 1.
+    Models can be added, subtracted, and multiplied by numbers. The result has the sums, differences or multiples of the
+    coefficients, with 0 for missing degrees, and the sphere of the first model. Multiples and `truncate` keep the
+    standard errors. ``model[l]`` has the coefficients of a degree, (2 l + 1, c), ``model[l, m]`` those of an order,
+    (c,), and ``len(model)`` is the number of degrees, L + 1.
 
     >>> half = (model + model.truncate(0)) / 2
     >>> half == 0.5 * model, half[1, 1].tolist()
@@ -163,8 +164,8 @@ class Model(Values, Meshes):
 
     @property
     def directions(self) -> Floats | None:
-        """Unit vectors at which the model was fitted, (n, 3): for a surface, those to which the map took its vertices, in
-        the same order."""
+        """Unit vectors at which the model was fitted, (n, 3): for a surface, those to which the map sends its vertices,
+        in the same order."""
         found = self._inner.sphere
         return None if found is None else found[0]
 
@@ -222,8 +223,8 @@ class Model(Values, Meshes):
     def normals(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`.
 
-        Normals are of first derivatives, whose error falls more slowly with the degree than that of positions. If the
-        parameterisation is mirrored, they point inwards, and there is a warning.
+        Normals are computed from first derivatives, whose error falls more slowly with the degree than that of
+        positions. If the parameterisation is mirrored, they point inwards, and there is a warning.
         """
         from . import shape
 
@@ -232,9 +233,9 @@ class Model(Values, Meshes):
     def curvature(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`.
 
-        In the inverse of the surface's unit. The curvature is of second derivatives, so it needs a higher degree than
-        positions do: compare the curvatures of two degrees. It is positive where the surface is convex; if the
-        parameterisation is mirrored, it is negative there, and there is a warning.
+        In the inverse of the surface's unit. The curvature is computed from second derivatives, so it needs a higher
+        degree than positions do: compare the curvatures of two degrees. It is positive where the surface is convex; if
+        the parameterisation is mirrored, it is negative there, and there is a warning.
         """
         from . import shape
 
@@ -290,7 +291,7 @@ class Model(Values, Meshes):
         return picture(self._coloured(values, at, degree), values, **settings)
 
     def plot(self, values: ArrayLike | None = None, *, at: Any = 5, degree: int | None = None, **settings: Any) -> Any:
-        """Shows the surface on a sphere; see `Surface.plot` for the settings, and `picture` for the rest."""
+        """Shows the surface on a sphere; see `Surface.plot` for the settings, and `picture` for the others."""
         return self._coloured(values, at, degree).plot(values, **settings)
 
     def _coloured(self, values: ArrayLike | None, at: Any, degree: int | None) -> Surface:
@@ -552,13 +553,13 @@ def mapped_apart(first: Model, second: Model) -> bool:
     return first._inner.mapped_apart(second._inner)
 
 
-#: Largest distance between two maps, as unit vectors, whose vertices are taken for the same.
+#: Largest distance between a vertex's unit vectors in two maps up to which the maps are taken as the same.
 _SAME_MAP = 1e-3
 
 
 def maps_differ(first: Model, second: Model) -> bool:
-    """Returns whether two models were fitted over different maps, as `mapped_apart`, other than maps that only differ by a
-    rotation or reflection of the sphere."""
+    """Returns whether two models were fitted over different maps, as `mapped_apart` does, but takes maps that differ
+    only by a rotation or reflection of the sphere as the same."""
     if not mapped_apart(first, second):
         return False
     own, other = first.directions, second.directions
@@ -576,7 +577,8 @@ def seam_of(sphere: Any) -> Seam:
 
 
 def sampling(sphere: Any) -> tuple[Any, Any]:
-    """Returns directions and triangles (None if absent) of an icosphere's level, a sphere, or directions."""
+    """Returns the directions and triangles (None if absent) of an icosphere, given by its level, a sphere, or
+    directions."""
     whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
     if whole:
         sphere = icosphere(int(sphere))

@@ -1,4 +1,4 @@
-"""Models as values: sums, multiples, comparison, and the coefficients of degrees and orders."""
+"""Arithmetic and comparison of models, and access to the coefficients of degrees and orders."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 
 class Values:
-    """What `Model` inherits. Sums and multiples are of the coefficients, over the sphere of the first model."""
+    """Operators that `Model` inherits. Sums and multiples of models are those of their coefficients, over the first
+    model's sphere."""
 
-    # NumPy's numbers leave sums and products with models to the model.
+    # Lets NumPy's numbers leave sums and products with models to the operators of `Model`.
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 

@@ -125,7 +125,7 @@ class Moments:
 
     @property
     def scheme(self) -> str | None:
-        """Key of the sampling scheme whose vertices are the samples' directions, as in a store of f64.
+        """Key of the samples' sampling scheme, the same as in a store with ``dtype="f64"``.
 
         Files of ``spharm moments --sphere`` have a key. None for samples from arrays, and for sums over several
         schemes.
@@ -184,14 +184,14 @@ class Moments:
         Raises
         ------
         ValueError
-            `stderr`, `denoise` or ``smoothness="auto"`` are given, and the mean of the values is so large that rounding
-            errors hide the residual. Subtract a constant, such as the mean, from the values of all parts.
+            If `stderr`, `denoise` or ``smoothness="auto"`` is given, and the mean of the values is so large that
+            rounding errors hide the residual. Subtract a constant, such as the mean, from the values of all parts.
 
         Warns
         -----
         SpharmWarning
-            Rounding errors hide the residual, so ``rms`` and ``explained`` are None; or parts of the samples are
-            missing.
+            If rounding errors hide the residual, so that ``rms`` and ``explained`` are None; or if parts of the samples
+            are missing.
         """
         settings = _settings(
             self.max_degree if max_degree is None else max_degree,

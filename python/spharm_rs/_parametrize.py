@@ -51,7 +51,8 @@ class Parametrization:
 
 
 def _made(mapped: Any, meta: Metadata = None) -> Parametrization:
-    """Returns a mapped surface with the metadata of the given one, which is at the same place, and issues its warnings."""
+    """Returns a mapped surface with the metadata of the given surface, whose position it keeps, and issues its
+    warnings."""
     found, problems = with_warnings(mapped, meta)
     warn(problems)
     return found

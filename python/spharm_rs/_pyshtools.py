@@ -1,4 +1,4 @@
-"""Objects of pyshtools, recognised without pyshtools."""
+"""Recognises objects of pyshtools without importing it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-#: The part of the largest coefficient up to which complex coefficients may differ from those of a real function.
+#: Largest deviation of complex coefficients from those of a real function, relative to the largest coefficient.
 _REAL = 1e-10
 
 
@@ -36,7 +36,8 @@ def real_coefficients(given: SHCoeffs) -> NDArray[Any]:
     off[:, 0] = abs(array[0, :, 0].imag)
     if not (np.tril(off) <= _REAL * abs(array).max()).all():
         raise ValueError(
-            "pyshtools: expected complex coefficients of a real function, with c[l, -m] = (-1)**m conj(c[l, m]); found others"
+            "pyshtools: expected complex coefficients of a real function, with c[l, -m] = (-1)**m conj(c[l, m]); "
+            "found those of a complex function"
         )
     factor = np.where(orders == 0, 1, np.sqrt(2))
     return np.stack([factor * array[0].real, np.where(orders == 0, 0, -factor * array[0].imag)])

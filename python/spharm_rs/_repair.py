@@ -51,10 +51,10 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     ----------
     surface : Surface or what `as_surface` takes
     largest_repair : float, optional
-        Share of the area, from 0 to 1, that the repair may lose by welding, drop with pieces or add by filling holes, if
-        more than the usual 0.05 lost, 0.05 dropped and 0.25 added. With ``wrap``: share of the mesh's area and of the
-        body's voxels that the wrap may leave out, and of the wrap's area that may span holes, if more than the usual
-        0.05 and 0.25.
+        Share of the area, from 0 to 1, that the repair may lose by welding, drop with pieces or add by filling holes,
+        if this exceeds the usual limits, 0.05 lost, 0.05 dropped and 0.25 added. With ``wrap``: share of the mesh's
+        area and of the body's voxels that the wrap may leave out, and of the wrap's area that may span holes, if this
+        exceeds the usual limits, 0.05 and 0.25.
     wrap : int, optional
         Number of voxels along the longest side of the mesh, from 16 to 512; 128 suits most meshes.
 
@@ -66,8 +66,8 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     ------
     MeshError
         If the repair would drop or add a larger share of the area, a wrap would enclose nothing, leave out a larger
-        share or span larger holes, or the mesh can't enclose a body: an open sheet, or a surface with one side only
-        and a rim.
+        share or span larger holes, or the mesh can't enclose a body: an open sheet, or a one-sided surface with a
+        rim.
 
     Examples
     --------
@@ -99,7 +99,7 @@ def changes_of(
 
 
 def named_change(fix: bool, wrap: int | None, cut_handles: bool) -> str | None:
-    """Returns the name of a keyword that asks for a change of the surface."""
+    """Returns the name of the first keyword that asks for a change of the surface, or None."""
     return "fix" if fix else "wrap" if wrap is not None else "cut_handles" if cut_handles else None
 
 

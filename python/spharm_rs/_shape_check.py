@@ -26,7 +26,7 @@ class Check:
     flags : tuple of str
         Reasons to look at the subject; empty if nothing is unusual.
     severity : float
-        Severity of the worst flag: from 1, the threshold of a robust z; 0 without flags.
+        Severity of the worst flag: 1 at the threshold of a robust z, and more beyond it; 0 without flags.
     measures : dict of float or None
         ``volume``, ``area``, ``sphericity``; ``rms``, the distance between model and surface; and ``distance`` from the
         mean. None if unknown.
@@ -58,7 +58,7 @@ def check(
     """Compares the subjects of a group, and flags those to look at, as ``spharm shape check`` does.
 
     Flags are unusual measures, equal inputs and models, labels at the border of their volume, unusual voxel sizes, large
-    repairs, and modes that are mostly due to one subject. What isn't recorded in the models isn't compared.
+    repairs, and modes that are mostly due to one subject. Only data that the models record are compared.
 
     Parameters
     ----------

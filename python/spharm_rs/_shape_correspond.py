@@ -71,11 +71,11 @@ class Member:
     reached : ndarray of bool, (n,)
         Whether each place has a counterpart on the member's surface.
     report : dict
-        ``pose_distance``: median distance from the group's mean, in the pose found. ``cover_rms``, ``cover_most`` (99
-        %) and ``cover_farthest``: distances of the surface from the places. ``unreached``: share of the surface's area
-        without places. ``without_counterpart``: number of places without a counterpart on the surface. ``turned``:
-        number of triangles turned over. ``model_rms``: distance between model and places. ``area`` and ``volume`` of
-        the surface, in its own unit; 0 in groups of earlier versions.
+        ``pose_distance``: median distance from the group's mean, in the pose found. ``cover_rms``, ``cover_most`` (the
+        99th percentile) and ``cover_farthest``: distances of the surface from the places. ``unreached``: share of the
+        surface's area without places. ``without_counterpart``: number of places without a counterpart on the surface.
+        ``turned``: number of triangles turned over. ``model_rms``: distance between model and places. ``area`` and
+        ``volume`` of the surface, in its own unit; 0 in groups of earlier versions.
     warnings : tuple of str
         Reasons to check the surface: another kind or unit, a mirror image, parts without a counterpart, the surface of
         an existing member. Each has also been issued as a `SpharmWarning`.
@@ -252,8 +252,8 @@ class Group:
         return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
 
     def _own_places(self, index: int) -> tuple[Floats, float]:
-        """Returns a member's places in its own coordinates, (n, 3), and the distance that counts as far from them: a
-        twentieth of their extent."""
+        """Returns a member's places in its own coordinates, (n, 3), and the distance above which points count as far
+        from them: a twentieth of their extent."""
         places = self.transforms[index].inverse().apply(self.places[index])
         return places, 0.05 * float(np.linalg.norm(np.ptp(places, axis=0)))
 
@@ -286,7 +286,7 @@ class Group:
         return moved if names is None else [Landmarks(names, own) for own in moved]
 
     def index(self, member: int | str) -> int:
-        """Returns the number of a member, from its name or its number.
+        """Returns the number of a member that is given by its name or its number.
 
         Parameters
         ----------
@@ -534,8 +534,8 @@ def correspond(
     """Makes surfaces of any poses and topology correspond, so that a direction is the same place on every surface.
 
     One template is mapped to the sphere and registered in space to every surface. All surfaces are fitted over the
-    template's sphere; then the group's own statistics refine the directions. Results have the same bits with any number
-    of threads.
+    template's sphere; then the group's own statistics refine the directions. Results are identical bit for bit
+    with any number of threads.
 
     Parameters
     ----------

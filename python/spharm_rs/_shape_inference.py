@@ -43,7 +43,7 @@ def inference_of(
     surface: tuple[Any, Any] | None,
     kept: Any,
 ) -> dict[str, Any]:
-    """Converts what relabellings and regions depend on for the extension module."""
+    """Checks the arguments for relabellings and regions, and converts them for the extension module."""
     if errors not in (None, "exchangeable", "symmetric", "both"):
         raise ValueError(f"errors: expected exchangeable, symmetric or both; found {errors!r}")
     if not relabelled and (blocks is not None or errors is not None or tfce or cluster is not None):
@@ -124,7 +124,7 @@ def scattered(found: dict[str, Any], kept: Any) -> dict[str, Any]:
     arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
     spread_out = {name: spread(values, 0 if name == "cluster_of" else np.nan) for name, values in arrays.items()}
     if "clusters" in found:
-        # Vertices of peaks have their own numbers.
+        # Vertices of peaks are counted within the mask.
         spread_out["clusters"] = [(one[0], one[1], int(at[one[2]]), *one[3:]) for one in found["clusters"]]
     return {**found, **spread_out}
 
@@ -143,7 +143,7 @@ class Cluster:
     statistic : float
         Statistic at the peak, signed.
     p : float
-        Family-wise p value of the area, by the largest cluster of relabelled studies.
+        Family-wise p value of the area, compared with the largest clusters of relabelled studies.
     """
 
     vertices: int

@@ -172,7 +172,8 @@ class Modes:
         Raises
         ------
         ValueError
-            If something isn't a model of a surface of the group's degree; the message of a sequence has its number.
+            If an item isn't a model of a surface at the group's degree; for a sequence, the message has the item's
+            number.
 
         Warns
         -----
@@ -191,7 +192,7 @@ class Modes:
         return np.array(scores).reshape(len(found), len(self)), np.array(distances, dtype=float)
 
     def _projected(self, what: str, model: Any, degree: int) -> Newcomer:
-        """Projects a model, whose name begins errors and warnings."""
+        """Projects a model; errors and warnings begin with its name, `what`."""
         inner = core(what, model)
         if not model.is_surface:
             raise ValueError(f"{what}: expected a model of a surface, found {model!r}")

@@ -12,8 +12,8 @@ from ._arrays import Floats
 from ._model import Model
 
 #: A model can hardly belong to the group if its distance from the mean is more than this multiple of that of the
-#: farthest member. With normal scores along a single mode, the worst case, 1 new member in 150 of a group of 5 exceeds
-#: it, and 1 in 2,000 of a group of 8.
+#: farthest member. In the worst case, normally distributed scores along a single mode, 1 new member in 150 exceeds it
+#: for a group of 5, and 1 in 2,000 for a group of 8.
 _FAR = 4.0
 
 #: Smaller groups don't show how far their members may be from the mean.

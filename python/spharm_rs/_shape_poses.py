@@ -326,7 +326,7 @@ def align(
         Criterion for the pose in space. ``"joint"``: the distance at equal directions, minimised over both rotations
         together. ``"surfaces"``: the distance of nearest points of the surfaces; the rotation of the parameters is then
         searched in that pose. For models that were mapped separately, the least distance at equal directions is at a
-        slightly or entirely wrong pose, of which a warning is given.
+        slightly or entirely wrong pose, so a warning is given.
     scale : bool
         Also scale the model to the target's size.
     mirror : bool

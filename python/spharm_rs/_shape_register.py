@@ -79,9 +79,9 @@ class Registration:
     transform : SimilarityTransform
         Transform from the surface's own frame to the template's; the identity with ``pose=False``.
     cover : dict
-        ``rms``, ``most`` (99 %) and ``farthest``: distances of the surface from the registered template, in the
-        surface's unit. ``unreached``: share of the surface's area that the template doesn't reach. ``turned``: number
-        of triangles turned over.
+        ``rms``, ``most`` (99th percentile) and ``farthest``: distances of the surface from the registered template, in
+        the surface's unit. ``unreached``: share of the surface's area that the template doesn't reach. ``turned``:
+        number of triangles turned over.
     warnings : tuple of str
         A warning if the mirror image fits better without ``mirror``. It has also been issued as a `SpharmWarning`.
     """

@@ -25,7 +25,7 @@ _P_MAPS = ("p", "q", "p_fwe", "p_permutation", "p_tfce")
 _MAPS = (
     "statistic", *_P_MAPS, "effect", "margin", "standard_error", "size", "tfce", "cluster_of",
 )  # fmt: skip
-#: What `TestResult.save` writes besides: the figures, and the names of files.
+#: Other attributes, which `TestResult.save` writes to the file `_FIGURES_FILE`.
 _FIGURES = (
     "kind", "meaning", "freedom", "levels", "columns", "codes", "resampling", "assumption", "relabellings", "exact",
     "smallest_p", "cluster_threshold", "warnings",
@@ -34,7 +34,7 @@ _SURFACE_FILE, _FIGURES_FILE = "surface.surf.gii", "test.json"
 
 
 def _minus_log10(p: Floats) -> Floats:
-    """Returns -log10 of p values, of which 0 is taken as the smallest number above 0."""
+    """Returns -log10 of p values, taking 0 as the smallest number above 0."""
     return np.asarray(0.0 - np.log10(np.maximum(p, np.finfo(float).tiny)))
 
 
@@ -96,7 +96,7 @@ class TestResult:
     mean : Model or None
         Mean of the models, if models were given.
     surface : Surface or None
-        The surface on which `picture` draws: that which was given, else the mean at the vertices of the sphere, or the
+        The surface on which `picture` draws: the given one, else the mean at the vertices of the sphere, or the
         sphere for signals; None if it isn't known.
     mask : ndarray of bool, (V,), or None
         The tested vertices, if a mask was given.
@@ -169,8 +169,8 @@ class TestResult:
     def to_nibabel(self, values: str = "statistic", *, log10: bool = False) -> Any:
         """Returns a map of the result as a ``nibabel.GiftiImage`` with one array of 32 bits, as `save` writes it.
 
-        The triangles belong into another file, which ``result.surface.to_nibabel()`` makes. The parameters are those of
-        `to_nilearn`.
+        The triangles belong in a separate file, which ``result.surface.to_nibabel()`` makes. The parameters are those
+        of `to_nilearn`.
         """
         from nibabel.gifti import GiftiDataArray, GiftiImage
 
@@ -235,10 +235,10 @@ class TestResult:
     def save(self, folder: Path, *, overwrite: bool = False) -> None:
         """Writes the result into a folder: maps as GIfTI, which Workbench, nibabel and nilearn read, and figures as JSON.
 
-        Each map with a value for each vertex is ``NAME.shape.gii``, such as ``p_fwe.shape.gii``, with 32 bits; effect, margin
-        and standard error of positions have three channels. ``surface.surf.gii`` is `surface`, if it is known. ``test.json``,
-        written last, has the other attributes but `mean` and `mask`, and the names of the files. With ``overwrite``, files
-        of an earlier result that this one doesn't have are removed.
+        Each map with a value for each vertex is ``NAME.shape.gii``, such as ``p_fwe.shape.gii``, with 32 bits; effect,
+        margin and standard error of positions have three channels. ``surface.surf.gii`` is `surface`, if it is known.
+        ``test.json``, written last, has the other attributes except `mean` and `mask`, and the names of the files. With
+        ``overwrite``, files of an earlier result that this one doesn't have are removed.
 
         Parameters
         ----------
@@ -272,7 +272,7 @@ class TestResult:
             raise FileExistsError(f"{existing[0]}: exists already; choose another folder, or give overwrite=True")
         into.mkdir(parents=True, exist_ok=True)
         written = [name for name in _MAPS if getattr(self, name) is not None]
-        # Without this file, the folder holds no whole result.
+        # While this file is missing, the result in the folder counts as incomplete.
         figures.unlink(missing_ok=True)
         for name in written:
             write_signal(files[name], getattr(self, name).astype(float), overwrite=overwrite)

@@ -206,7 +206,7 @@ def _asked(
         for name, given in interaction.items():
             what = f"interaction, {name}"
             cells = numbers_or_levels(what, given, count)
-            # The order of levels is that of the first column of levels.
+            # The first column that has levels gives their order.
             if isinstance(cells, list) and not asked["levels"]:
                 asked["levels"] = levels_of(what, given, count)[1]
             asked["effect"].append((str(name), cells))
@@ -259,10 +259,10 @@ def group_test(
     Parameters
     ----------
     subjects : Group, sequence of Model, array_like of float, (n, V) or (n, V, 3), or images
-        A group of `correspond`, at its directions that have counterparts on members; a ``sphere`` replaces them. Or
-        corresponding models, such as those of `procrustes`, which are first measured by `measure_group`. Or values. Images are
-        nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an image of V values for each
-        subject, or a single image of (V, n) values.
+        A group of `correspond`, tested at its directions that have counterparts on members, unless a ``sphere`` is
+        given; corresponding models, such as those of `procrustes`, which are first measured by `measure_group`; or
+        values. Images are nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an
+        image of V values for each subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional
         Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or
         any difference between more than two groups. Blanks around names are ignored. As in the program's tables, empty
@@ -270,9 +270,9 @@ def group_test(
     effect : array_like of float, (n,), optional
         A number for each subject, which may be text such as ``"60"``; the slope of the values over it is tested.
     interaction : dict of two array_like, (n,), optional
-        Two columns by name, each of numbers or of names of levels, whose interaction is tested: of levels and numbers the
-        difference of the slopes, of levels and levels the difference of the differences. The model also has both columns,
-        except a column whose effect a covariate contains, such as the group if the subjects are a covariate.
+        Two columns by name, each of numbers or of names of levels, whose interaction is tested: for levels and numbers,
+        the difference of the slopes; for levels and levels, the difference of the differences. The model also has both
+        columns, except a column whose effect a covariate contains, such as the group if the subjects are a covariate.
     mean : bool
         Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
@@ -303,11 +303,11 @@ def group_test(
     degree : int, optional
         Highest degree of models; by default the lowest degree among them.
     mask : array_like of bool, (V,), path, or image, optional
-        Vertices to test; a file or an image as for `spharm_rs.fit`. For models, FreeSurfer's labels and annotations need
-        their ``sphere``. Values outside are never read, and may be NaN. All results
-        are NaN there, and ``cluster_of`` is 0. What is outside doesn't count in family-wise p values, false-discovery rates,
-        TFCE and clusters. In these, vertices inside keep their areas and the edges between them. By default all vertices,
-        whose values must be finite.
+        Vertices to test; a file or an image as for `spharm_rs.fit`. For models, FreeSurfer's labels and annotations
+        need their ``sphere``. Values outside are never read, and may be NaN. All results are NaN there, and
+        ``cluster_of`` is 0. Vertices outside don't count in family-wise p values, false-discovery rates, TFCE and
+        clusters. In these, vertices inside keep their areas and the edges between them. By default all vertices, whose
+        values must be finite.
     welch : bool
         Use Welch's test, for two groups of unequal variance without covariates; ``variance_groups`` is for other designs.
     blocks : array_like, (n,), optional
@@ -316,9 +316,10 @@ def group_test(
         too, this is the paired test. It assumes that the effect is equal in all blocks. If it may differ, such as the rate
         of growth, compute one slope or difference for each block, and test these as values.
     whole_blocks : bool
-        Exchange whole blocks of the same size, and flip the signs of whole blocks, instead. Rows of two blocks correspond
-        by the columns of the design that vary within blocks, such as the visit; if the blocks' values differ, by the rank
-        of the one column that varies, such as the age; for several such columns by their order, with a warning.
+        Instead, exchange whole blocks of the same size, and flip the signs of whole blocks. Rows of two blocks
+        correspond by the columns of the design that vary within blocks, such as the visit; if the blocks' values
+        differ, by the rank of the one column that varies, such as the age; for several such columns by their order,
+        with a warning.
     variance_groups : array_like, (n,), optional
         Group of each row, a name or a number, whose variances may differ: the statistic is Aspin and Welch's v, or G for
         several contrasts (Winkler et al. 2014). For values of one component.

@@ -15,7 +15,7 @@ from ._parametrize import Parametrization
 from ._sklearn_named import named
 from ._surface import Surface, as_surface
 
-#: A surface that was given: a path, which is read when needed, a mesh, or a model.
+#: A given surface: a path, which is read when needed, a mesh, or a model.
 Input = Union[str, Surface, Model, Parametrization]
 
 
@@ -67,7 +67,7 @@ def rows(X: ArrayLike, columns: int, of: str) -> Floats:
 
 
 class Meshes:
-    """Base of transformers of which X is a sequence of surfaces, not an array of numbers."""
+    """Base of transformers whose X is a sequence of surfaces, not an array of numbers."""
 
     def _surfaces(self, X: Any, reset: bool = False) -> list[Input]:
         """Returns the surfaces of X; ``reset`` is True in `fit`."""

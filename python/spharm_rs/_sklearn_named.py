@@ -24,7 +24,7 @@ def _at(index: int, item: Any, text: str) -> str:
 
 
 def _renamed(text: str, items: Sequence[Any], names: Sequence[str]) -> str:
-    """Returns a text that begins with the name of a member with the member's position and path instead."""
+    """Replaces the name of a member at the beginning of a text by the member's position and path."""
     found = text.removeprefix("the ")
     for index, (item, name) in enumerate(zip(items, names)):
         if found.startswith(f"{name}: "):
@@ -47,7 +47,8 @@ def _outside() -> int:
 
 @contextmanager
 def warned(renamed: Callable[[str], str | None] = str) -> Iterator[None]:
-    """Issues this package's warnings with other texts, at the line of the user's program; drops those without a text."""
+    """Issues this package's warnings at the line of the user's program, with the texts that `renamed` returns; drops a
+    warning if it returns None."""
     # As `catch_warnings` isn't thread-safe, threads may issue each other's warnings.
     found: list[warnings.WarningMessage] = []
     try:
@@ -86,7 +87,7 @@ def named(index: int, item: Any) -> Iterator[None]:
 def named_among(items: Sequence[Any], names: Sequence[str], *, again: bool = False) -> Iterator[None]:
     """Replaces the name of a member, with which errors and warnings of groups begin, by its position and its path.
 
-    With ``again``, the surfaces may be members of the group: there is no warning that they are.
+    With ``again``, the surfaces may be members of the group, so warnings that they equal a member are dropped.
     """
 
     def renamed(text: str) -> str | None:

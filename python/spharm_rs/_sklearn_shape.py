@@ -68,8 +68,8 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
     Notes
     -----
     The refinement of `fit` compares training meshes with each other, and that of `transform` compares a mesh with the
-    finished group. So training meshes have two kinds of scores: those of `transform` and `fit_transform`, which are found
-    as those of new meshes are, and those of the group, ``scores_``. They differ by the error of the registration, which
+    finished group. So training meshes have two kinds of scores: those of `transform` and `fit_transform`, which are
+    computed as for new meshes, and those of the group, ``scores_``. They differ by the error of the registration, which
     has about the same size in all modes. It is small beside the spread of the training scores in the first modes, but as
     large or larger in modes of small variance: keep only modes of large variance (``modes``). Don't compare ``scores_``
     with scores of new meshes. `fit_transform` registers each training mesh once more than `fit`, which takes as long as
@@ -233,12 +233,12 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
         return np.array([found.area**0.5 for found in measured])
 
     def _of_one_size(self, models: list[Model], transforms: Sequence[SimilarityTransform]) -> tuple[list[Model], Floats]:
-        """Returns models, with ``scale`` about their centres to the group's size, and the logarithms of the surfaces' own
-        sizes relative to it."""
+        """Returns models, with ``scale`` scaled about their centres to the group's size, and the logarithms of the
+        surfaces' own sizes relative to it."""
         if self.size_ is None:
             return models, np.zeros(len(models))
-        # Poses scale the members of the group to each other, but a new surface to the mean. Sizes of both are therefore
-        # those of the models.
+        # Poses scale the members of the group to each other, but a new surface to the mean. Therefore the sizes of both
+        # are measured on their models.
         factors = self.size_ / self._sizes(models)
         sizes = -np.log(factors * [transform.scale for transform in transforms])
         centres = [model.truncate(0) for model in models]
@@ -295,12 +295,12 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
         return np.array(names + ["log_size"] * bool(self.size), dtype=object)
 
 
-#: Relative change of a model's area with a finer grid at which it counts as measured.
+#: Relative change of a model's area, when the grid is refined, below which the area is accurate enough.
 _AREA = 1e-5
 
 
 def _limits(modes: Any) -> tuple[int | None, float | None]:
-    """Returns the maximum number of modes, and the share of the variance that they have to have."""
+    """Returns the maximum number of modes, and the share of the variance that they must reach; None for no limit."""
     if isinstance(modes, (float, np.floating)):
         if not 0 < modes < 1:
             raise ValueError(f"modes: expected a share between 0 and 1, or a whole number of modes; found {modes!r}")

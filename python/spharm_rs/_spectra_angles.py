@@ -1,4 +1,4 @@
-"""Angles on the sphere, and the unit vectors that they stand for."""
+"""Angles on the sphere, and their unit vectors."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from . import _arrays
 from ._arrays import Floats
 from ._warnings import warn
 
-#: The excess over a range, in radians, that the rounding of a float32 explains.
+#: Largest excess over a range, in radians, that the rounding of float32 can explain.
 _ROUNDING = 1e-6
 
 
 def angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool, *, axis: bool = False) -> Floats:
-    """Returns angles in radians, given in degrees or radians, within a range given in degrees; of an axis, only (n,)."""
+    """Converts angles in degrees or radians to radians; refuses those outside a range in degrees; for an axis, only
+    (n,)."""
     unit = "degrees" if degrees else "radians"
     array = _arrays.real(what, values, "(n,)")
     if axis and array.ndim != 1:
@@ -31,7 +32,7 @@ def angles(what: str, values: ArrayLike, least: float, most: float, degrees: boo
     return np.clip(radians, low, high)
 
 
-#: The number of points from which angles are doubted that may be radians, as by ``spharm moments --lonlat``.
+#: Smallest number of points for which angles that may be in radians give a warning, as by ``spharm moments --lonlat``.
 _ENOUGH = 10
 
 

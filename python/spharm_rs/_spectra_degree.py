@@ -53,7 +53,7 @@ class Spectrum(AsArray):
     ----------
     degree : ndarray of int, (L + 1,)
     power : ndarray of float, (L + 1,) or (L + 1, c)
-        In the given unit and convention; of a cross-spectrum, of either sign.
+        In the given unit and convention; for a cross-spectrum, of either sign.
     sample_error : ndarray of float, (L + 1,) or (L + 1, c)
         Standard error of `power` as an estimate of the spectrum of a process, of which the field is one realisation:
         isotropic and Gaussian. Also called cosmic variance.
@@ -133,7 +133,7 @@ def finite(what: str, array: Floats) -> Floats:
 
 
 def _of(values: ArrayLike | SHCoeffs) -> ArrayLike:
-    """Returns coefficients as an array; of a model, or of an object of pyshtools as orthonormal ones, (K,)."""
+    """Returns coefficients as an array: also those of a model or, made orthonormal, of a pyshtools object, (K,)."""
     if isinstance(values, Values):
         return values.coefficients
     return from_pyshtools(values)[:, 0] if isinstance(values, SHCoeffs) else values
@@ -240,13 +240,13 @@ def spectrum(
         Row ``l**2 + l + m``. An ``SHCoeffs`` of pyshtools is first converted from its own normalisation and phase to this
         package's, as by `convert.from_pyshtools`.
     normalization : {"orthonormal", "4pi", "schmidt", "unnorm"}
-        That of the coefficients; this package's are orthonormal (pyshtools' name ``"ortho"`` is accepted). ``"unnorm"``
-        to degree 150.
+        Normalisation of the coefficients; this package's are orthonormal (pyshtools' name ``"ortho"`` is accepted).
+        ``"unnorm"`` to degree 150.
     unit : {"per_l", "per_lm", "per_dlogl"}
         Sum over the orders of a degree; mean over them; or the sum for an interval 1 of ``log_base(l)``, which is the
         sum times ``l * log(base)``.
     base : float
-        Of the logarithm of ``per_dlogl``.
+        Base of the logarithm for ``per_dlogl``.
     convention : {"power", "energy", "l2norm"}
         Mean square over the sphere; integral of the square, which is 4 pi times the mean; or sum of the squared
         coefficients whatever their normalisation.

@@ -20,12 +20,12 @@ from ._transform import Transform
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Values on a grid of latitudes and longitudes, as `grid` returns them or of an array of your own.
+    """Values on a grid of latitudes and longitudes, returned by `grid` or made from an array of your own.
 
     Parameters
     ----------
     latitude : array_like of float, (n,)
-        In degrees, from -90 to 90, in any order; by default of `grid`, from the north.
+        In degrees, from -90 to 90, in any order; the default latitudes of `grid` begin in the north.
     longitude : array_like of float, (m,)
         In degrees, from -360 to 360.
     values : array_like of float, (n, m) or (n, m, c)
@@ -87,7 +87,7 @@ class Grid:
 
     @property
     def directions(self) -> Floats:
-        """Unit vectors of the grid's points, (n m, 3), latitude by latitude, as ``values.reshape(n * m, -1)`` has them."""
+        """Unit vectors of the grid's points, (n m, 3), latitude by latitude, as in ``values.reshape(n * m, -1)``."""
         return _points(self.latitude, self.longitude)
 
     @property
@@ -204,8 +204,8 @@ def grid(
 
     Notes
     -----
-    The default grid is that of pyshtools' ``expand(grid=kind, extend=False)``, from which `Grid.expand` finds the
-    coefficients to degree L again.
+    The default grid is that of pyshtools' ``expand(grid=kind, extend=False)``, from which `Grid.expand` recovers
+    the coefficients to degree L.
 
     Examples
     --------

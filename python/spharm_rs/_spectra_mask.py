@@ -30,20 +30,21 @@ from ._spectra_degree import AsArray, Degrees, central, described, finite, sums
 from ._transform import Transform
 from ._warnings import warn
 
-#: The condition number of the binned coupling matrix above which its solution has no digits left.
+#: Condition number of the binned coupling matrix above which a solution has no correct digits.
 _MOST_CONDITION = 1e12
 
-#: The relative excess of a sum of weights over 4 pi that rounding or an approximation of areas explains.
+#: Largest relative excess of a sum of weights over 4 pi that rounding or approximate areas can explain.
 _EXCESS = 0.01
 
-#: The fraction of 4 pi below which a sum of weights is doubted.
+#: Fraction of 4 pi below which a sum of weights gives a warning.
 _SMALL = 0.5
 
-#: Directions are uneven if the means over them of a degree's 4 pi-normalised harmonics, 1 to 4, have a norm above this.
+#: Norm above which directions count as uneven: of the means, over the directions, of the 4 pi-normalised harmonics of
+#: one degree, from 1 to 4.
 _UNEVEN = 0.1
 
-#: The norms times n**0.5 up to which n directions may be independent and of uniform density, with a probability of more than
-#: about 1e-5: of a degree, and of the zonal harmonics of degrees 2 and 4, which are 0.7 on grids of latitudes and longitudes.
+#: Norms times n**0.5 that n independent directions of uniform density exceed with a probability of about 1e-5: of a
+#: degree, and of the zonal harmonics of degrees 2 and 4, whose norm is 0.7 on grids of latitudes and longitudes.
 _BY_CHANCE = 6.0, 5.0
 
 
@@ -397,7 +398,7 @@ def decoupled_spectrum(
     Parameters
     ----------
     directions, values, max_degree, mask, weights, noise
-        As for `pseudo_spectrum`; but a factor of all weights cancels, so that their sum can be any.
+        As for `pseudo_spectrum`; but a common factor of the weights cancels, so their sum doesn't matter.
     bins : int or array_like of int, (b + 1,)
         Width of the bins, from degree 1; degree 0 is a bin of its own. Or the first degree of each bin, and the degree
         after the last. Narrow bins are strongly correlated if they are narrower than 180 degrees over the mask's width
@@ -490,7 +491,7 @@ def decoupled_cross_spectrum(
     Returns
     -------
     BandPowers
-        Of either sign.
+        Powers of either sign.
 
     Notes
     -----

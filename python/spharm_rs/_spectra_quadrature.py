@@ -6,7 +6,7 @@ import numpy as np
 
 from ._arrays import Floats
 
-#: The rounding of a float32 angle, in degrees, up to which a grid is taken as one with an exact quadrature.
+#: Deviation of angles, in degrees, up to which a grid counts as one with an exact quadrature: the rounding of float32.
 _ROUNDING = 3e-5
 
 #: A gap of longitudes, or before a pole, that is wider than this many steps isn't part of the grid's cells.
@@ -15,7 +15,7 @@ _OPEN = 1.5
 
 def latitude_weights(latitude: Floats) -> tuple[Floats, int]:
     """Returns weights of latitudes in degrees, with the sum 2 if they span the sphere, and the degree to which they integrate
-    polynomials of the sine of the latitude exactly; -1 for areas of cells. Latitudes that are equal share their weight."""
+    polynomials of the sine of the latitude exactly; -1 for areas of cells. Equal latitudes share their weight."""
     theta, group, count = np.unique(90 - latitude, return_inverse=True, return_counts=True)
     ordered, degree = _gauss_legendre(theta), 2 * len(theta) - 1
     if ordered is None:
@@ -28,14 +28,14 @@ def latitude_weights(latitude: Floats) -> tuple[Floats, int]:
 
 def longitude_weights(longitude: Floats) -> tuple[Floats, int]:
     """Returns weights of longitudes in degrees, with the sum 2 pi if they go around the sphere, and the order to which they
-    integrate sines and cosines exactly; -1 for widths of cells. Longitudes that are equal share their weight."""
+    integrate sines and cosines exactly; -1 for widths of cells. Equal longitudes share their weight."""
     at, group, count = np.unique(longitude % 360, return_inverse=True, return_counts=True)
-    gaps = np.diff(at, append=at[0] + 360)  # after each longitude, the last one around the sphere
+    gaps = np.diff(at, append=at[0] + 360)  # gap after each longitude; the last one closes the circle
     distinct = at[gaps > _ROUNDING]
     even = bool((abs(distinct - distinct[0] - np.arange(len(distinct)) * 360 / len(distinct)) < 2 * _ROUNDING).all())
     widest = int(gaps.argmax())
     if not even and gaps[widest] > _OPEN * np.sort(gaps)[-2]:
-        # A part of the circle: the cells at its ends are as wide to the outside as to the inside.
+        # On a part of the circle, the cells at its ends extend as far outwards as inwards.
         before, after = np.roll(gaps, 1), gaps.copy()
         last, first = widest, (widest + 1) % len(gaps)
         after[last], before[first] = before[last], after[first]
@@ -91,7 +91,7 @@ def _even(theta: Floats) -> tuple[Floats | None, int]:
     exact = count - 1 if half or count % 2 == 0 else count - 2
     if half and count % 2:
         total += np.sin(count * radians) / (2 * count)
-    # At a pole, the sine is 0 but for rounding.
+    # At a pole, the sine is 0 except for rounding.
     return np.asarray(np.where((ideal == 0) | (ideal == 180), 0, 4 / count * np.sin(radians) * total)), exact
 
 
@@ -101,7 +101,7 @@ def _bands(theta: Floats) -> Floats:
     ends = [0.0, 180.0]
     if len(theta) > 1:
         north, south = theta[1] - theta[0], theta[-1] - theta[-2]
-        # Where another latitude would fit before a pole, the grid is of a part of the sphere.
+        # If another latitude would fit before a pole, the grid covers only a part of the sphere.
         if theta[0] > _OPEN * north:
             ends[0] = theta[0] - north / 2
         if 180 - theta[-1] > _OPEN * south:

@@ -16,8 +16,8 @@ from ._warnings import warn
 
 Path = Union[str, "os.PathLike[str]"]
 
-#: Metadata of a surface's file, as the extension module has them: the anatomical structure, GIfTI's metadata of the ``file``
-#: and of the ``surface``, its coordinate system, FreeSurfer's stamp and footer, and the file's path.
+#: Metadata of a surface's file, as the extension module represents them: the anatomical structure, GIfTI's metadata of
+#: the ``file`` and of the ``surface``, its coordinate system, FreeSurfer's stamp and footer, and the file's path.
 Metadata = Union["dict[str, Any]", None]
 
 
@@ -118,7 +118,7 @@ class Surface:
         return SurfaceImage({hemisphere: mesh}, {hemisphere: data.reshape(np.shape(values)).copy()})
 
     def to_nibabel(self) -> Any:
-        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits, with the metadata of a saved file."""
+        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits, with the metadata that `save` writes."""
         from nibabel.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage
         from nibabel.nifti1 import xform_codes
 
@@ -170,9 +170,9 @@ def as_surface(mesh: Any) -> Surface:
     Parameters
     ----------
     mesh : object
-        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``, whose
-        meshes are joined), nilearn (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one
-        hemisphere), pyvista (``PolyData``, whose polygons are triangulated; or ``UnstructuredGrid``, of whose volumes the outer
+        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``,
+        whose meshes are joined), nilearn (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one
+        hemisphere), pyvista (``PolyData``, whose polygons are triangulated; or ``UnstructuredGrid``, whose outer
         surface is taken), meshio (``.points``, ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
 
     Returns
@@ -182,7 +182,7 @@ def as_surface(mesh: Any) -> Surface:
     Raises
     ------
     ValueError
-        If the object is none of these, or the arrays have other shapes.
+        If the object is none of these, or the arrays have invalid shapes.
     MeshError
         If a file holds no surface.
 
@@ -217,7 +217,7 @@ def surface_of(what: str, mesh: Any) -> Surface:
         return _of_grid(mesh)
     if hasattr(mesh, "cells_dict"):
         if "triangle" not in mesh.cells_dict:
-            raise ValueError(f"{what}: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
+            raise ValueError(f"{what}: expected a mesh with triangles, found only cells of the types {sorted(mesh.cells_dict)}")
         return Surface(mesh.points, mesh.cells_dict["triangle"])
     # A scene of trimesh, such as of a GLB file, with its meshes at their places.
     if hasattr(mesh, "geometry") and hasattr(mesh, "to_mesh"):
@@ -260,7 +260,7 @@ def _of_grid(mesh: Any) -> Surface:
     if list(cells) == [_VTK_TRIANGLE]:
         return Surface(mesh.points, cells[_VTK_TRIANGLE])
     with warnings.catch_warnings():
-        # PyVista warns that its default algorithm will change, and earlier versions have no choice of it.
+        # PyVista warns that its default algorithm will change; earlier versions have no option to choose one.
         warnings.simplefilter("ignore")
         surface = mesh.extract_surface()
     return as_surface(surface)
@@ -306,7 +306,7 @@ def moved_meta(meta: Metadata, turned: bool, mirrored: bool) -> Metadata:
         for side, other in (("Left", "Right"), ("Right", "Left")):
             if structure.endswith(side):
                 moved["structure"] = structure.removesuffix(side) + other
-        # The file's name has the hemisphere of the original.
+        # The file's name states the hemisphere of the original.
         moved["path"] = None
     return moved
 

@@ -16,7 +16,7 @@ _PACKAGE = os.path.dirname(__file__) + os.sep
 
 
 def warn(found: Iterable[str], category: type[Warning] = SpharmWarning) -> tuple[str, ...]:
-    """Issues warnings; returns them."""
+    """Issues warnings, and returns their texts."""
     for text in (texts := tuple(found)):
         warnings.warn(text, category, stacklevel=_outside())
     return texts

@@ -79,7 +79,7 @@ __all__ = [
 #: How to keep both parts of a complex function.
 _BOTH = "for both parts, convert array and -1j * array, and use them as two channels"
 
-#: The size of an imaginary part, relative to that of all coefficients, up to which it is taken for rounding errors.
+#: Size of an imaginary part, relative to that of all coefficients, up to which it is ignored as rounding errors.
 _ROUNDING = 1e-6
 
 
@@ -154,7 +154,7 @@ def _real_part(what: str, c: Complex, advice: str) -> Floats:
     cosine = np.sqrt(2) * sign * half.real
     sine = -np.sqrt(2) * sign * ((mirrored + sign * c.conj()) / 2).imag
     found: Floats = np.where(order > 0, cosine, np.where(order < 0, sine, c.real))
-    # What isn't in the series of the real part is that of the imaginary part.
+    # The rest of the series belongs to the imaginary part.
     lost, size = float(np.linalg.norm(c - half)), float(np.linalg.norm(c))
     if np.isfinite(size) and lost > _ROUNDING * size:
         share = f"{100 * (lost / size) ** 2:.3g} % of the power"
@@ -169,8 +169,9 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     ----------
     coefficients : array_like of float, (K, c)
     normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}
-        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``: of the result for another
-        normalisation, ``SHCoeffs.from_array`` needs ``normalization=`` too. The largest degree for ``"unnorm"`` is 150.
+        Normalisation of the result; the first two names mean the same. pyshtools' own default is ``"4pi"``: for results
+        in another normalisation, ``SHCoeffs.from_array`` needs ``normalization=``, too. The largest degree for
+        ``"unnorm"`` is 150.
     csphase : {1, -1}
         -1 for coefficients of harmonics with the Condon-Shortley phase.
 
@@ -207,8 +208,8 @@ def from_pyshtools(
         Objects of pyshtools, of which each is a channel; or their arrays ``coeffs``. Objects may also be of the kind
         "complex", if they describe a real function.
     normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}, optional
-        That of the array, by default ``"ortho"``. pyshtools' own default is ``"4pi"``, which an array doesn't tell. Objects
-        have a normalisation of their own.
+        Normalisation of the array, by default ``"ortho"``. pyshtools' own default is ``"4pi"``; an array doesn't record
+        its normalisation. Objects have a normalisation of their own.
     csphase : {1, -1}, optional
         Phase of the array, by default 1, as for `to_pyshtools`. Objects have a phase of their own.
 
@@ -273,7 +274,7 @@ def _pyshtools_factors(degree: int, normalization: str, csphase: int) -> Floats:
 #: pyshtools' names of normalisations, and ``"orthonormal"`` for ``"ortho"``.
 _NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
 
-#: The largest degree at which the norm of an unnormalised harmonic is a float64.
+#: Largest degree at which the norms of unnormalised harmonics fit into a float64.
 _MOST_UNNORMALISED = 150
 
 
@@ -458,7 +459,7 @@ def _format(name: str) -> tuple[Callable[..., Any], Callable[..., Floats]]:
 
 
 def _options(format: str, function: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Returns the options of a conversion, all of which its function has."""
+    """Returns the options of a conversion; refuses options that its function doesn't have."""
     kinds = inspect.signature(function).parameters.items()
     known = [name for name, parameter in kinds if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
     for name in options:
@@ -477,7 +478,7 @@ def to(format: str, coefficients: ArrayLike, **options: Any) -> Any:
         A format of the table above.
     coefficients : array_like of float, (K, c)
     **options
-        Those of the format's function: ``normalization`` and ``csphase`` of `to_pyshtools`; other formats have none.
+        Options of the format's function: ``normalization`` and ``csphase`` of `to_pyshtools`; other formats have none.
 
     Returns
     -------
@@ -502,7 +503,8 @@ def from_(format: str, array: Any, **options: Any) -> Floats:
         A format of the table above.
     array : array_like, or for pyshtools an SHCoeffs
     **options
-        Those of the format's function: ``normalization`` and ``csphase`` of `from_pyshtools`; other formats have none.
+        Options of the format's function: ``normalization`` and ``csphase`` of `from_pyshtools`; other formats have
+        none.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Fits chunked samples with Dask, which may exceed the memory or one machine.
+"""Fits chunked samples, which may exceed the memory or one machine, with Dask.
 
 Each chunk is reduced to its `spharm_rs.Moments`, and the moments are added in a tree. Workers exchange only these sums,
 of ``8 ((2 L + 1)**2 + c (L + 1)**2)`` bytes. The order of the additions depends on the chunks alone, so results don't
@@ -157,8 +157,8 @@ def fit_cohort(
     threads : int
         Threads per shard. Dask runs several shards in parallel.
     **settings
-        The other arguments of `spharm_rs.fit_cohort`. By default ``on_error`` is ``"collect"``: one bad surface doesn't end the
-        others.
+        The other arguments of `spharm_rs.fit_cohort`. By default ``on_error`` is ``"collect"``: one bad surface doesn't
+        stop the others.
 
     Returns
     -------

@@ -49,7 +49,7 @@ class SurfaceDistance(TypedDict):
     rms: float
     percentile95: float
     hausdorff: float
-    #: The same in the surface's unit.
+    #: These distances in the surface's unit.
     rms_raw: float
     percentile95_raw: float
     hausdorff_raw: float
@@ -112,7 +112,7 @@ class SolverStep(TypedDict):
     seconds: float
     #: Largest relative gradient of all columns after the step.
     optimality: float
-    #: Why it ended early.
+    #: Why the step ended early.
     left: str
 
 
@@ -242,7 +242,7 @@ class WrapReport(TypedDict):
 class RepairReport(TypedDict):
     """A repair of a mesh."""
 
-    #: Vertices merged with another at the same position, or on rims at nearly the same.
+    #: Vertices merged with another at the same position or, on rims, at nearly the same position.
     vertices_welded: int
     degenerate_triangles_dropped: int
     repeated_triangles_dropped: int
@@ -268,7 +268,7 @@ class RepairReport(TypedDict):
     filled_area: float
     #: The closed surface that took the mesh's place, if it was wrapped.
     wrap: WrapReport
-    #: Only of `repair`: reasons why the repaired surface can't be mapped to the sphere; empty if it can be.
+    #: `repair` only: reasons why the repaired surface can't be mapped to the sphere; empty if it can be.
     problems: List[str]
 
 
@@ -286,23 +286,23 @@ class MapReport(TypedDict):
     seconds: float
     notes: List[str]
     warnings: List[str]
-    #: ``equal-area`` alone: largest relative deviation of a quadrangle's area from its target.
+    #: ``equal-area`` only: largest relative deviation of a quadrangle's area from its target.
     quad_area_deviation: float
     handles: HandlesReport
-    #: Of `spharm_rs.fit_cohort` alone: file of the sphere.
+    #: `spharm_rs.fit_cohort` only: file of the sphere.
     sphere: str
-    #: Of a label: number of its voxels before a repair, and whether they touch the border of the volume, which may have
-    #: cut off a part.
+    #: For a label: number of its voxels before a repair, and whether they touch the border of the volume, which may
+    #: have cut off a part.
     voxels: int
     at_border: bool
     #: Repairs of a label: counts by name.
     repair: Any
     #: Repair of a mesh.
     mesh_repair: RepairReport
-    #: `resample` alone: root mean square and largest distance from the given surface, in its unit.
+    #: `resample` only: root mean square and largest distance from the given surface, in its unit.
     distance_rms: float
     distance_max: float
-    #: `resample` alone: pairs of triangles that intersect; None if this wasn't checked.
+    #: `resample` only: pairs of triangles that intersect; None if this wasn't checked.
     self_intersections: Optional[int]
 
 
@@ -310,7 +310,7 @@ class FitReport(TypedDict):
     """The report of a fit: `spharm_rs.Model.report`, or the report of `spharm_rs.solve`. It is empty for a model from a
     file."""
 
-    #: Number of channels; of a fit of moments their names.
+    #: Number of channels; for a fit of moments, their names.
     channels: Union[int, List[str]]
     #: Cube root of the bounding box's volume, in the target's unit; None for a target without volume.
     scale: Optional[float]
@@ -338,24 +338,24 @@ class FitReport(TypedDict):
     #: Report of the full least squares.
     solver: SolverReport
     warnings: List[str]
-    #: Fits of moments alone: number of samples with weight, and sum of the weights.
+    #: Fits of moments only: number of samples with weight, and sum of the weights.
     samples: int
     weight: float
-    #: Fits of moments alone: root of the weighted mean of the squared residual of each channel, in its unit; None if
+    #: Fits of moments only: root of the weighted mean of the squared residual of each channel, in its unit; None if
     #: the mean of the values is so large that rounding errors hide the residual.
     rms: List[Optional[float]]
-    #: Fits of moments alone: share of the sum of squares that the model explains, for each channel; None as for
+    #: Fits of moments only: share of the sum of squares that the model explains, for each channel; None as for
     #: ``rms``.
     explained: List[Optional[float]]
-    #: Fits of moments alone: diameter of the largest cap without samples, and resolution at the highest degree (None at
+    #: Fits of moments only: diameter of the largest cap without samples, and resolution at the highest degree (None at
     #: degree 0), degrees.
     largest_gap: float
     resolved: Optional[float]
-    #: Fits of moments alone: search for the smoothness by cross-validation.
+    #: Fits of moments only: search for the smoothness by cross-validation.
     gcv: Any
-    #: `spharm_rs.solve` with ``stderr`` alone: standard errors of the coefficients, an array of their shape.
+    #: `spharm_rs.solve` with ``stderr`` only: standard errors of the coefficients, an array of their shape.
     standard_errors: Any
-    #: `spharm_rs.shape.mean` alone: root mean square distance of each model from the mean, (s,), and that of all, in the
-    #: models' unit.
+    #: `spharm_rs.shape.mean` only: root mean square distance of each model from the mean, (s,), and that of all models,
+    #: in the models' unit.
     distances: Any
     spread: float

@@ -1,8 +1,8 @@
 """Spectra of signals on the sphere, as in geodesy and cosmology.
 
-From latitudes and longitudes to directions, and from coefficients to grids; power, cross-power, admittance and
-correlation by degree, of coefficients such as those of `spharm_rs.solve`; and the spectrum of a field that was observed
-on a part of the sphere.
+Converts latitudes and longitudes to directions, and coefficients to grids; computes power, cross-power, admittance and
+correlation by degree from coefficients, such as those of `spharm_rs.solve`; and estimates the spectrum of a field that
+was observed on a part of the sphere.
 
 ===========================  ======================================================================================
 in                           is
@@ -98,7 +98,7 @@ def directions(
     colatitude : float or array_like of float, optional
         In place of latitudes: from 0 (north pole) to 180 degrees.
     degrees : bool
-        Whether angles are in degrees, or else in radians.
+        Whether angles are in degrees; otherwise they are in radians.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def latitude_longitude(directions: ArrayLike, *, degrees: bool = True) -> tuple[
     directions : array_like of float, (n, 3)
         Vectors of any nonzero length.
     degrees : bool
-        Whether angles are in degrees, or else in radians.
+        Whether angles are in degrees; otherwise they are in radians.
 
     Returns
     -------
