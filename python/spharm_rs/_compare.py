@@ -95,8 +95,9 @@ def compare(
         Two models are compared at equal directions, the vertices of an icosphere. A model and a mesh are compared at
         the mesh's vertices if the model was fitted to it, otherwise on an icosphere of 163,842 vertices. For
         ``surface_distance=True`` of closed surfaces without a mask, models are always evaluated on this icosphere,
-        because the flat triangles of a coarser mesh would count as a distance. If two models' surfaces were mapped
-        separately, equal directions don't correspond, so the distance between the surfaces is measured.
+        because the flat triangles of a coarser mesh would count as a distance. The exception are models whose handles
+        were cut. If two models' surfaces were mapped separately, equal directions don't correspond, so the distance
+        between the surfaces is measured.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
         triangles differ, or for models mapped separately. With False, such models are compared at equal directions, with a
