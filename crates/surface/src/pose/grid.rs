@@ -15,6 +15,12 @@ const CELLS: f64 = 32_768.0;
 /// Width of the margin around the surface's own box, in cells.
 const MARGIN: f64 = 4.0;
 
+/// Number of points in a group whose nearest pieces are found together.
+pub(super) const LANES: usize = 16;
+
+/// A coordinate of each point of a group.
+pub(super) type Lanes = [f64; LANES];
+
 pub(super) struct Grid {
     /// Matrix of the map from positions to cell coordinates, `x -> cells x + origin`.
     cells: Matrix3,
@@ -55,6 +61,28 @@ impl Grid {
         let at = add(times(&self.cells, p), self.origin);
         let cell = |k: usize| (at[k].max(0.0) as usize).min(self.counts[k] - 1);
         usize::from(self.nearest[(cell(0) * self.counts[1] + cell(1)) * self.counts[2] + cell(2)])
+    }
+}
+
+impl Grid {
+    /// Returns for each position of a group what [`nearest`](Self::nearest) returns. `p` has one array per coordinate.
+    #[inline(always)]
+    pub(super) fn nearest_of_group(&self, p: &[Lanes; 3]) -> [usize; LANES] {
+        // Coordinates of cells are small integers, with which computing in f64 is exact.
+        let [_, rows, columns] = self.counts.map(|count| count as f64);
+        let mut cell = [[0.0; LANES]; 3];
+        for (k, cell) in cell.iter_mut().enumerate() {
+            let (row, last) = (&self.cells[k], (self.counts[k] - 1) as f64);
+            for i in 0..LANES {
+                let at = row[0] * p[0][i] + row[1] * p[1][i] + row[2] * p[2][i] + self.origin[k];
+                cell[i] = at.max(0.0).min(last).floor();
+            }
+        }
+        let mut index = [0_u32; LANES];
+        for i in 0..LANES {
+            index[i] = ((cell[0][i] * rows + cell[1][i]) * columns + cell[2][i]) as i32 as u32;
+        }
+        index.map(|i| usize::from(self.nearest[i as usize]))
     }
 }
 

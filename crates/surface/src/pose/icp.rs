@@ -124,25 +124,6 @@ pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, t
     (pairs.iter().map(|pair| pair.square).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
 }
 
-/// Returns the mean distance in both directions after a motion. Nothing is trimmed, which makes the function fast
-/// enough to evaluate many motions.
-pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity) -> f64 {
-    let back = motion.inverse();
-    let there = moving.asking.points.iter().map(|p| {
-        let place = motion.apply(*p);
-        let found = fixed.nearest(place);
-        let (point, normal) = (fixed.pieces.points[found], fixed.pieces.normals[found]);
-        pair(place, point, normal, fixed.pieces.radius).square.sqrt()
-    });
-    let here = fixed.asking.points.iter().map(|q| {
-        let place = back.apply(*q);
-        let found = moving.nearest(place);
-        let (point, normal) = (moving.pieces.points[found], moving.pieces.normals[found]);
-        motion.scale * pair(place, point, normal, moving.pieces.radius).square.sqrt()
-    });
-    (there.sum::<f64>() + here.sum::<f64>()) / (moving.asking.points.len() + fixed.asking.points.len()) as f64
-}
-
 /// Pairs each point of either surface with the nearest point of the other surface.
 fn gather(moving: View<'_>, fixed: View<'_>, motion: &Similarity, pairs: &mut Vec<Pair>) {
     pairs.clear();

@@ -25,6 +25,7 @@
 //! The result is bitwise the same for any number of threads.
 
 mod changes;
+mod coarse;
 mod covering;
 mod fixed;
 mod grid;
@@ -378,12 +379,11 @@ fn starts(
     monitor.check()?;
     let signs: &[f64] = if params.mirror { &[1.0, -1.0] } else { &[1.0] };
     let turns = COVERING.get_or_init(covering::covering);
-    let (a, b) = (moving.view(Density::Few), fixed.view(Density::Few));
     let look = |(turn, sign): (&Matrix3, f64)| {
         let turn = turn.map(|row| row.map(|v| sign * v));
         let orthogonal = product(&transposed(&fixed.axes), &product(&turn, &moving.axes));
         let start = centred(orthogonal, moving, fixed, params);
-        (start, icp::mean_distance(a, b, &start))
+        (start, coarse::mean_distance(moving, fixed, &start))
     };
     let all = (0..turns.len() * signs.len()).into_par_iter().with_min_len(64);
     let found = all.map(|i| look((&turns[i % turns.len()], signs[i / turns.len()]))).collect();
