@@ -2,8 +2,8 @@
 //!
 //! The nearest piece of a surface is found with a table ([`Grid`]). Points are processed in groups: the arithmetic on a
 //! group is a loop over plain arrays, which compilers turn into vector instructions, so that only the table and the
-//! pieces are read one by one. A pose takes about 512 searches. The results have the same bits on every processor, because
-//! each point's arithmetic and the order of the sum are fixed.
+//! pieces are read one by one. A pose takes about 512 searches. The results have the same bits on every processor,
+//! because each point's arithmetic and the order of the sum are fixed.
 
 use multiversion::multiversion;
 
