@@ -117,7 +117,7 @@ fn a_page_shows_a_label_beside_its_surface() {
     let output = finish(tool("report").args(["cell.spharm.npz", "-o", "without.html"]).current_dir(folder.path()));
     let said = text(&output);
     assert!(
-        output.status.success() && said.contains("its surface cell.surf.gii doesn't exist beside the model"),
+        output.status.success() && said.contains("its surface cell.surf.gii doesn't exist next to the model"),
         "{said}"
     );
     assert_eq!(page("without.html")[0]["reference"]["kind"], "model");

@@ -106,5 +106,5 @@ fn landmarks_that_do_not_fit_are_said() {
     assert!(warnings.contains("s03.json: lacks ") && !warnings.contains("other files lack"), "{warnings}");
     fs::remove_file(site.join("group/s03.json")).expect("removed");
     let output = run(&["group"]);
-    assert!(error_line(&output).contains("no landmarks of s03"), "{}", text(&output));
+    assert!(error_line(&output).contains("no landmarks for s03"), "{}", text(&output));
 }

@@ -179,7 +179,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let morph = ["shape", "morph", a[0].as_str(), b[0].as_str(), "--icosphere", "2", "-o", "path", "--steps"];
     // Frames step00 to step10 would lie among the frames step0 to step2.
     let refused = fail(&mut run(site.path(), &[&morph[..], &["11"]].concat()));
-    assert!(refused.contains("step0.ply: this file of an earlier sequence"), "{refused}");
+    assert!(refused.contains("step0.ply: this file from an earlier sequence"), "{refused}");
     succeed(&mut run(site.path(), &[&morph[..], &["2", "--force"]].concat()));
     assert_eq!(files(&at("path"), "step").len(), 2);
     assert_eq!(fs::read(at("m.gif")).expect("an animation")[..6], *b"GIF89a");

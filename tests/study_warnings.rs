@@ -181,7 +181,7 @@ fn exclusions_that_cannot_be_are_refused() {
         (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 (8 subjects excluded)"),
         (
             "[{ id = \"b01\", reason = \"moved\" }, \"b02\", \"b03\", \"b04\", \"b05\"]".to_owned(),
-            "test \"bump\": no subject with group \"b\" is left, of 5 subjects in the table; excluded: b01 (moved), \
+            "test \"bump\": no subject with group \"b\" is left of the 5 subjects in the table; excluded: b01 (moved), \
              b02, b03 and 2 more; keep or repair some of them, or change the test",
         ),
     ] {
@@ -211,7 +211,7 @@ fn a_group_of_which_no_subject_is_left_is_named_with_the_reasons() {
     for named in ["levels = [\"a\", \"b\", \"c\"]", "contrast = \"a - 1/2 b - 1/2 c\""] {
         let error = error_line(&run(&without.replace("permutations", &format!("{named}\npermutations")), &[]));
         assert!(
-            error.contains("no subject with group \"c\" is left, of 2 subjects in the table; excluded: b04, b05;"),
+            error.contains("no subject with group \"c\" is left of the 2 subjects in the table; excluded: b04, b05;"),
             "{error}"
         );
     }
@@ -223,7 +223,7 @@ fn a_group_of_which_no_subject_is_left_is_named_with_the_reasons() {
     let output = run(&study.replace("[fit]", "exclude = [{ id = \"b01\", reason = \"moved\" }]\n[fit]"), &[]);
     let error = error_line(&output);
     for said in [
-        "study.toml: test \"bump\": no subject with group \"b\" is left, of 5 subjects in the table; excluded: \
+        "study.toml: test \"bump\": no subject with group \"b\" is left of the 5 subjects in the table; excluded: \
          b01 (moved); failed: b02 (",
         "meshes/b02.ply: ",
         " and 1 more; keep or repair some of them",

@@ -158,7 +158,7 @@ fn large_changes_of_the_volume_are_warned_of() {
     assert!(shell.contains(" % of the label)"), "{shell}");
     let torus = warned("torus", "--cut-handles");
     assert!(torus.contains("warning: in/torus.nii label 1: the model has a volume of "), "{torus}");
-    assert!(torus.contains("before its handles were cut, the label's surface had one of 384.0 (+"), "{torus}");
+    assert!(torus.contains("before its handles were cut, the label's surface had a volume of 384.0 (+"), "{torus}");
     let one = warned("one", "--fix");
     assert!(one.contains("biases volume, area and sphericity; the label is too small for a shape model"), "{one}");
 }

@@ -9,20 +9,20 @@
 //!
 //! A fit also allocates and drops smaller arrays in every step. By default, the allocator returns the pages of freed
 //! arrays to the system and later requests new pages. Returning and requesting pages took a third of the time of a
-//! least-squares fit of a cortex at degree 100. [`keep_freed`] lets the allocator keep some of the freed pages.
+//! least-squares fit of a cortex at degree 100. [`keep_freed`] makes the allocator keep some of the freed pages
+//! instead.
 //!
-//! Only a program may choose its allocator and the kernels of OpenBLAS (`kernels.rs`). A library must not choose its
-//! allocator or its kernels. Python's extension module uses [`LargePages`] too, because a Rust allocator in the module
-//! allocates only the module's own memory. Only the program calls [`keep_freed`], because this function changes
-//! settings of the whole process.
+//! The allocator and the kernels of OpenBLAS (`kernels.rs`) must be chosen by the program, not by a library. Python's
+//! extension module uses [`LargePages`] too, because a Rust allocator in the module allocates only the module's own
+//! memory. Only the program calls [`keep_freed`], because this function changes settings of the whole process.
 
 #![allow(unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::ffi::OsString;
 
-/// Smallest size in bytes of an array for which huge pages are requested. An array of this size contains a complete
-/// huge page, whatever the array's address.
+/// Smallest size in bytes of an array for which huge pages are requested. An array of this size contains at least one
+/// complete huge page, whatever the array's address.
 const LARGE: usize = 4 << 20;
 
 /// Size of a huge page, in bytes.
@@ -31,14 +31,14 @@ const PAGE: usize = 2 << 20;
 /// Largest amount of freed memory kept for each thread, in bytes.
 const KEPT: usize = 128 << 20;
 
-/// Arrays smaller than this size, in bytes, are allocated from glibc's heaps. glibc can keep only the freed memory of
-/// its heaps.
+/// Size in bytes below which arrays are allocated from glibc's heaps. glibc can keep freed memory only in its heaps.
 const LARGEST: usize = 32 << 20;
 
-/// Lets the allocator keep freed memory at the end of each thread's heap. The threads share a sixteenth of the free
-/// memory equally, but each thread keeps at most 128 MiB. Does nothing if this amount is less than the allocator's
-/// default, if the user has set a memory budget, or if the user has configured the allocator. Verbs with a small
-/// default budget need no exception, because they free less memory than the allocator keeps.
+/// Makes the allocator keep freed memory at the end of each thread's heap, instead of returning it to the system. The
+/// threads share a sixteenth of the free memory equally, but each thread keeps at most 128 MiB. Does nothing if a
+/// thread's share is less than what the allocator keeps by default, if the user has set a memory budget, or if the user
+/// has configured the allocator. Verbs with a small default budget need no exception, because they free less memory
+/// than the allocator keeps.
 pub fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];
@@ -61,7 +61,8 @@ pub fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
 #[derive(Debug, Clone, Copy)]
 pub struct LargePages;
 
-/// Requests huge pages within an array, and returns it. A request that the system doesn't grant has no effect.
+/// Requests huge pages for the whole pages inside an array of `bytes` bytes, and returns the array. A request that the
+/// system doesn't grant has no effect.
 fn advised(array: *mut u8, bytes: usize) -> *mut u8 {
     if bytes < LARGE || array.is_null() {
         return array;

@@ -6,8 +6,8 @@ use std::env;
 fn main() {
     spharm_link::leave_out_kernels();
     spharm_link::fold_identical_functions();
-    // Cargo strips symbols as the profile specifies, but not in a package with its own opt-level, such as this one.
-    // Therefore the linker strips them.
+    // Cargo doesn't strip symbols as the profile requests if a package has its own opt-level, as this package has.
+    // Therefore, the linker strips them.
     let is = |name: &str, value: &str| env::var(name).is_ok_and(|found| found == value);
     let gnu_linker = is("CARGO_CFG_TARGET_OS", "linux") || is("CARGO_CFG_TARGET_ENV", "gnu");
     if is("PROFILE", "release") && is("DEBUG", "false") && gnu_linker {

@@ -26,7 +26,7 @@ extern "C" fn choose_kernels() {
         (false, false) => None,
     };
     let set = |name: &std::ffi::CStr, value: &std::ffi::CStr| {
-        // SAFETY: both strings end in a zero. `setenv` must not run while another thread reads or changes the
+        // SAFETY: both strings end in a zero byte. `setenv` must not run while another thread reads or changes the
         // environment. The loader runs the initialisers of an executable on the process's first thread before `main`,
         // and no earlier initialiser starts a thread.
         unsafe { libc::setenv(name.as_ptr(), value.as_ptr(), 0) };

@@ -1,4 +1,4 @@
-//! `spharm`: one program with a verb for each step from a surface to its model and back.
+//! `spharm`: one program with a verb (subcommand) for each step from a surface to its model and back.
 //!
 //! Each verb is a module with its arguments, its calls of the library, and its output. These modules form a library so
 //! that the Python package can include the program; the computations are in the crate `spharm`.
@@ -114,7 +114,7 @@ fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map(drop).map_err(told)
 }
 
-/// Previews a `fit` command on the rows of a manifest.
+/// Previews a `fit` command, with the rows of `manifest` in place of the rows of a file.
 fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<spharm_study::Preview> {
     match Parsed::of(arguments).map_err(told)?.spharm.verb {
         Verb::Fit(cli) => {
@@ -125,7 +125,7 @@ fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<sphar
     }
 }
 
-/// Converts clap's error about the arguments of a command to a single line.
+/// Converts clap's error about a command's arguments to an error whose text is a single line.
 fn told(error: clap::Error) -> anyhow::Error {
     let text = error.to_string().replace("\n\n  tip: ", "; ");
     let end = ["\n\nUsage:", "\n\nFor more information"].iter().filter_map(|hint| text.find(hint)).min();
@@ -166,7 +166,7 @@ impl Parsed {
         Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
     }
 
-    /// Checks the roles of the files in the arguments, then runs the verb.
+    /// Checks that no file is used in conflicting roles in the arguments, then runs the verb.
     fn run(&self) -> anyhow::Result<()> {
         roles::check_arguments(&self.command, &self.matches)?;
         self.spharm.verb.run()

@@ -26,7 +26,7 @@ fn role(verb: &str, name: &str) -> Option<Role> {
             Role::Output
         }
         // The value of `weights` may be a keyword instead of a file, and the value of `minus` may be a folder or a
-        // column. Both values are treated as input files, so that no output can overwrite a file of that name.
+        // column. Both values are treated as input files, so that no output can overwrite a file with that name.
         (
             _,
             "surface" | "surfaces" | "sphere" | "manifest" | "moments" | "mask" | "annotation" | "weights" | "original",

@@ -11,7 +11,8 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_mesh;
 
-/// Minimum number of vertices, per basis function of a model, of the icosphere on which the model is evaluated.
+/// Minimum number of icosphere vertices per basis function of a model, for the icosphere on which the model is
+/// evaluated.
 const VERTICES: u64 = 4;
 
 /// Number of subdivisions of the finest icosphere on which models are evaluated.
@@ -62,7 +63,8 @@ impl Surface {
         }
     }
 
-    /// Returns whether two surfaces are models over separate maps, so that equal directions don't correspond.
+    /// Returns whether both surfaces are models whose surfaces were mapped to the sphere separately, so that equal
+    /// directions don't correspond.
     pub(crate) fn mapped_apart(&self, other: &Self) -> bool {
         matches!((self, other), (Self::Model(own, _), Self::Model(other, _)) if own.mapped_apart(other))
     }
@@ -97,7 +99,8 @@ impl Surface {
     }
 }
 
-/// Returns the meshes of surfaces. Models of similar degrees are evaluated on the same icosphere, which is made once.
+/// Returns the mesh of each surface. Models of similar degrees are evaluated on the same icosphere, which is made only
+/// once.
 pub(crate) fn meshes(surfaces: Vec<Surface>) -> Result<Vec<Mesh>> {
     let mut spheres: HashMap<u32, Sphere> = HashMap::new();
     let mesh = |surface| match surface {

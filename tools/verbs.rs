@@ -1,4 +1,4 @@
-//! Suggests commands for words that are given as verbs, but are options or subcommands of verbs.
+//! Suggests commands if a word that was given as a verb is an option, or a subcommand of another verb.
 
 use clap::Command;
 use clap::error::{ContextKind, ContextValue};

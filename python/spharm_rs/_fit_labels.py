@@ -228,8 +228,8 @@ def _inexact(volume: float, mapped: Parametrization, voxels: float) -> list[str]
         if abs(change) <= _CUT:
             return []
         return [
-            f"the model has a volume of {volume:.4g}, but before its handles were cut, the label's surface had one of "
-            f"{voxels:.4g} ({100 * change:+.1f} %)"
+            f"the model has a volume of {volume:.4g}, but before its handles were cut, the label's surface had a "
+            f"volume of {voxels:.4g} ({100 * change:+.1f} %)"
         ]
     if mapped.report.get("repair") is not None or abs(change) <= _INEXACT:
         return []

@@ -107,7 +107,7 @@ const LIES: &[Lie] = &[
     }),
     ("reserved bytes", |f| f.header[88] = 1),
     ("reserved bytes", |f| f.header[4063] = 1),
-    ("footer (cut off?)", |f| f.footer[0] = b's'),
+    ("footer (truncated file?)", |f| f.footer[0] = b's'),
     ("offset of the table", |f| put64(&mut f.footer, 8, 0)),
     ("offset of the table", |f| put64(&mut f.footer, 8, 4095)),
     ("offset of the table", |f| put64(&mut f.footer, 8, u64::MAX)),

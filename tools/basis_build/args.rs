@@ -60,7 +60,7 @@ pub(crate) struct Cli {
     pub(super) max_degree: Option<usize>,
     /// Scalar type of the basis
     ///
-    /// f32 takes half of the space and has half of the digits.
+    /// f32 takes half the space of f64, with half as many digits.
     #[arg(long, value_enum, default_value_t = Dtype::F64, help_heading = METHOD)]
     pub(super) dtype: Dtype,
     /// Codec of the chunks
@@ -87,7 +87,7 @@ pub(crate) struct Cli {
     pub(super) factor_dtype: Dtype,
     /// Smoothness penalty of the factor
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 |c|^2 to the squared distances.
+    /// Adds LAMBDA sum (l (l + 1))^2 |c|^2, over all coefficients c of degree l, to the sum of squared distances.
     #[arg(
         long,
         value_name = "LAMBDA",

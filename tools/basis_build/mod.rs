@@ -1,4 +1,5 @@
-//! `basis-build`: precomputes the basis of a sampling scheme into a store, and the factor of its normal equations.
+//! `basis-build`: computes the basis of a sampling scheme and the factor of its normal equations, and writes both into
+//! a store.
 
 mod args;
 mod output;
@@ -19,7 +20,7 @@ use spharm_surface::Sphere;
 pub(crate) use self::args::Cli;
 use self::output::{Basis, FactorRow, Report, lines};
 
-/// Runs the verb.
+/// Runs the verb `basis-build`.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let started = Instant::now();
     let console = cli.common.console();
@@ -108,7 +109,7 @@ fn plan_factor<'a>(
         let place = if plan.in_memory { "in memory" } else { "out of core" };
         let (memory, disk) = (Size(plan.memory), Size(plan.disk as usize));
         console.note(format!(
-            "factor of degree {max_degree}, computed {place}: {memory} of memory and {disk} of disk planned"
+            "factor of degree {max_degree}, computed {place}: {memory} of memory and {disk} of disk space planned"
         ));
     }
     Ok(planned)

@@ -8,7 +8,7 @@ use spharm_cli::size::Size;
 use spharm_solver::cholesky::FactorReport;
 use spharm_store::{BuildParams, BuildReport};
 
-/// Report of the build.
+/// Report on the build.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     pub(super) tool: &'static str,
@@ -42,7 +42,7 @@ pub(super) struct Basis {
     planned_memory: usize,
 }
 
-/// Returns the lines of the table.
+/// Returns the rows of the printed table, each a name and a value.
 pub(super) fn lines(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = vec![row("scheme", report.scheme_key.clone()), row("directions", report.directions.to_string())];

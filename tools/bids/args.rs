@@ -92,7 +92,8 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    /// Returns the BIDS suffix. FreeSurfer uses the same names of surfaces, except for the middle surface.
+    /// Returns the surface's suffix in BIDS file names. FreeSurfer has the same names for the surfaces, except for the
+    /// middle surface.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pial => "pial",
@@ -110,7 +111,7 @@ pub(super) enum Hemi {
 }
 
 impl Hemi {
-    /// Returns the BIDS label.
+    /// Returns the hemisphere's label in BIDS file names.
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::L => "L",
@@ -118,7 +119,7 @@ impl Hemi {
         }
     }
 
-    /// Returns FreeSurfer's prefix of file names.
+    /// Returns the hemisphere's prefix in FreeSurfer's file names.
     pub(super) fn prefix(self) -> &'static str {
         match self {
             Self::L => "lh",

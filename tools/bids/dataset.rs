@@ -10,8 +10,8 @@ use spharm_surface::io::write_new;
 
 /// Version of BIDS that the file names follow.
 const VERSION: &str = "1.10.0";
-/// Patterns for `.bidsignore` of output file names that aren't part of BIDS. fMRIPrep and sMRIPrep also write such
-/// patterns for their own outputs.
+/// Patterns for `.bidsignore` that match the names of output files that aren't part of BIDS. fMRIPrep and sMRIPrep also
+/// write such patterns for their own outputs.
 const IGNORED: &str = "*.surf.gii\n*.shape.gii\n*.npz\n*_spectrum.tsv\n*_pial.json\n*_white.json\n*_midthickness.json\n*.html\nlogs/\ngroup_*\n";
 const DESCRIPTION: &str = "dataset_description.json";
 

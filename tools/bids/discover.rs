@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 
 use super::args::{Cli, Hemi, Surface};
 
-/// A surface to fit.
+/// A surface to fit, found in the dataset.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Found {
     /// The subject's label, without `sub-`.
@@ -19,11 +19,11 @@ pub(super) struct Found {
     pub(super) sphere: PathBuf,
 }
 
-/// Surfaces found in a dataset, and missing surfaces.
+/// Surfaces found in a dataset, and surfaces that were requested but not found.
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// For each missing surface, its id in status files, and the reason why it is missing.
+    /// For each missing surface, its id in status files and the reason why it is missing.
     pub(super) missing: Vec<(String, String)>,
 }
 
@@ -35,7 +35,7 @@ enum Source {
     FreeSurfer(PathBuf),
 }
 
-/// Finds the requested surfaces.
+/// Finds the requested surfaces of the requested subjects.
 ///
 /// # Errors
 ///
@@ -76,7 +76,11 @@ pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
         }
     }
     if dataset.found.is_empty() {
-        bail!("{}: found no surface with a registered sphere for any of {} subjects", root.display(), subjects.len());
+        bail!(
+            "{}: found no surface with a registered sphere for any of the {} subjects",
+            root.display(),
+            subjects.len()
+        );
     }
     Ok(dataset)
 }
@@ -84,7 +88,7 @@ pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
 fn source(cli: &Cli) -> Result<Source> {
     if let Some(folder) = &cli.freesurfer {
         if !folder.is_dir() {
-            bail!("{}: expected FreeSurfer's SUBJECTS_DIR, found no such folder", folder.display());
+            bail!("{}: expected FreeSurfer's SUBJECTS_DIR, but this isn't a folder", folder.display());
         }
         return Ok(Source::FreeSurfer(folder.clone()));
     }
@@ -124,7 +128,7 @@ fn subjects(cli: &Cli, root: &Path) -> Result<Vec<String>> {
             .collect();
         labels.sort_unstable();
         if labels.is_empty() {
-            bail!("{}: expected folders sub-LABEL, found none", root.display());
+            bail!("{}: expected folders named sub-LABEL, found none", root.display());
         }
         return Ok(labels);
     }
@@ -141,7 +145,7 @@ fn subjects(cli: &Cli, root: &Path) -> Result<Vec<String>> {
     cli.participant_label.iter().map(label).collect()
 }
 
-/// Returns the `anat` folders of a subject, each with its session's label.
+/// Returns the `anat` folders of a subject, each with the label of its session, if any.
 fn anatomies(subject: &Path) -> Result<Vec<(Option<String>, PathBuf)>> {
     let mut folders = vec![(None, subject.join("anat"))];
     let mut sessions = names(subject)?;

@@ -1,4 +1,5 @@
-//! Runs the group level: writes an array with all models, their modes of variation, and a page.
+//! Runs the group level of the BIDS app: writes an array with the coefficients of all models, the models' modes of
+//! variation, and a page.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ use spharm_model::recorded_name;
 use super::args::{Cli, Hemi, Surface};
 use super::dataset::text;
 
-/// Gathers the models made by the participant level.
+/// Gathers the models made by the participant level, and writes the group's arrays, modes, status table and page.
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let logs = cli.output.join("logs");
     if !logs.is_dir() {
@@ -47,7 +48,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         }
     }
     if models == 0 {
-        bail!("{}: no models; run the participant level first", cli.output.display());
+        bail!("{}: found no models; run the participant level first", cli.output.display());
     }
     if !cli.no_pages {
         let mut arguments = vec!["report".to_owned()];
@@ -63,7 +64,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
     print_line(&format!("{}: {}", cli.output.display(), counted(models, "model")))
 }
 
-/// Writes the merged status table: the outcome of each surface over all calls of the participant level.
+/// Writes one status table that merges those of all calls of the participant level: the outcome of each surface.
 fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let mut files: Vec<PathBuf> = listed(logs)?;
     files.retain(|path| path.to_string_lossy().ends_with("_status.tsv"));
@@ -84,7 +85,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
 
-/// Returns the sorted paths of all subjects' models of one surface of one hemisphere.
+/// Returns the sorted paths of the models of one surface (such as pial) of one hemisphere, over all subjects.
 fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     let ending = format!("_hemi-{}_desc-spharm_{}.npz", hemi.label(), surface.name());
     let mut models = Vec::new();
@@ -100,8 +101,8 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     Ok(models)
 }
 
-/// Writes the coefficients as an array (subjects, (L + 1)^2, 3), and a file with the models' names, one per line. L is
-/// the lowest degree of the models.
+/// Writes the coefficients of a group's models as an array of shape (subjects, (L + 1)^2, 3), and a file with the
+/// models' names, one per line. L is the lowest degree of the models.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
     if let Some(warning) = other_spaces(&models, group) {
@@ -122,7 +123,7 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Returns a warning if the spheres of some models are registered to a different space from the other models' spheres.
+/// Returns a warning if the models' spheres aren't all registered to the same space.
 fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
     /// Maximum number of models named in the warning.
     const NAMED: usize = 6;
@@ -157,8 +158,8 @@ fn space(model: &Model) -> Option<String> {
     Some(space.unwrap_or("fsaverage").to_owned())
 }
 
-/// Aligns the models in space and writes their modes of variation. Directions on their spheres already correspond,
-/// because the spheres are registered.
+/// Aligns the models in space, without rotating their spheres, and writes their modes of variation. Directions on the
+/// spheres already correspond, because the spheres are registered.
 fn variation(
     cli: &Cli,
     hemi: Hemi,

@@ -14,7 +14,7 @@ use spharm_cli::paths::utf8;
 pub(crate) use self::args::Cli;
 use self::args::Level;
 
-/// Runs the verb `bids`; `spharm` is called to run other verbs.
+/// Runs the verb `bids`. Calls `spharm` to run other verbs.
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     // The paths must be UTF-8, because the other verbs get their arguments as text.
     [&cli.dataset, &cli.output].into_iter().try_for_each(|path| utf8(path).map(drop))?;

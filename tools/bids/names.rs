@@ -1,11 +1,11 @@
-//! Makes the file names of derivatives, following BIDS.
+//! Makes the file names of a surface's derivatives, following BIDS.
 
 use std::path::{Path, PathBuf};
 
 use super::discover::Found;
 
 impl Found {
-    /// Returns the start of all file names of a subject: `sub-01`, or `sub-01_ses-a` with a session.
+    /// Returns the text with which all file names of a subject begin: `sub-01`, or `sub-01_ses-a` with a session.
     fn stem(&self) -> String {
         match &self.session {
             Some(session) => format!("sub-{}_ses-{session}", self.subject),
@@ -40,14 +40,15 @@ impl Found {
         self.file(&format!("desc-spharm{}", self.surface.name()), "spectrum.tsv")
     }
 
-    /// Returns the path of the model evaluated on an icosphere, given by its numbers of subdivisions and vertices.
+    /// Returns the path of the file with the model evaluated on an icosphere that has these numbers of subdivisions and
+    /// vertices.
     pub(super) fn evaluated(&self, subdivisions: u32, vertices: usize) -> PathBuf {
         let density = density(vertices);
         let middle = format!("space-icosphere{subdivisions}_den-{density}_desc-spharm");
         self.file(&middle, &format!("{}.surf.gii", self.surface.name()))
     }
 
-    /// Returns the existing files of the model evaluated on icospheres.
+    /// Returns the paths of the existing files with the model evaluated on an icosphere.
     pub(super) fn evaluations(&self, output: &Path) -> Vec<PathBuf> {
         let start = format!("{}_hemi-{}_space-icosphere", self.stem(), self.hemi.label());
         let ending = format!("_desc-spharm_{}.surf.gii", self.surface.name());

@@ -1,4 +1,4 @@
-//! Runs the participant level: fits models and writes the derivatives of each model.
+//! Runs the participant level of the BIDS app: fits models and writes the derivatives of each model.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -121,15 +121,15 @@ fn is(merged: &Merged, found: &Found, states: &[State]) -> bool {
     merged.entry(&found.id()).is_some_and(|entry| states.contains(&entry.state))
 }
 
-/// Paths of the files of one call: the table of its surfaces and the table of their outcomes.
+/// Paths of two tables that one call writes: the table of its surfaces, and the table of their outcomes.
 struct Logs {
     manifest: PathBuf,
     status: PathBuf,
 }
 
 impl Logs {
-    /// Writes the table of surfaces. The names of both files depend on the table's contents, so that calls for
-    /// different subjects write different files.
+    /// Writes the table of surfaces, and returns the paths of both tables. The names of both files depend on the
+    /// contents of the table of surfaces, so that calls for different subjects write different files.
     fn new(cli: &Cli, found: &[Found]) -> Result<Self> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "surface", "sphere", "output"])?;
@@ -177,7 +177,7 @@ fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     evaluated.meta.anatomical_structure_primary.get_or_insert(cortex.to_owned());
     let path = at(found.evaluated(cli.icosphere, evaluated.vertices.len()));
     write_mesh(&path, &evaluated, &options)?;
-    // At this point, files of other icospheres exist only if `--force` was given. Remove these files.
+    // At this point, files on other icospheres exist only if `--force` was given. Remove these files.
     for other in found.evaluations(&cli.output).into_iter().filter(|other| *other != path) {
         std::fs::remove_file(&other).with_context(|| other.display().to_string())?;
     }

@@ -1,4 +1,4 @@
-//! Recognises surfaces in different coordinate systems.
+//! Recognises two surfaces that differ only because they are in different coordinate systems.
 
 use spharm_surface::geometry::{add, dot, scale, sub};
 use spharm_surface::{Mesh, VolumeGeometry};
@@ -8,8 +8,8 @@ use spharm_surface::{Mesh, VolumeGeometry};
 const ROUNDING: f64 = 1e-3;
 
 /// Returns whether all vertices of two surfaces differ by the same vector, and this vector is the centre of the volume
-/// that the file of one surface records. If so, one surface has FreeSurfer's surface coordinates (tkRAS), and the other
-/// surface has scanner coordinates.
+/// that the file of one surface records. If so, one surface is in FreeSurfer's surface coordinates (tkRAS), and the
+/// other is in scanner coordinates.
 pub(super) fn differ_by_centre(original: &Mesh, reconstruction: &Mesh) -> bool {
     let (a, b) = (&original.vertices, &reconstruction.vertices);
     if a.len() != b.len() || a.is_empty() {

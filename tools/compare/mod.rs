@@ -27,12 +27,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     cli.threads.pool()?.install(|| work(cli))
 }
 
-/// Returns the memory that two meshes occupy, in bytes.
+/// Returns the memory that both meshes occupy, in bytes.
 fn held(meshes: [&Mesh; 2]) -> u64 {
     meshes.map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>() as u64
 }
 
-/// Refuses meshes that don't fit into memory.
+/// Refuses a comparison that doesn't fit into memory.
 fn check_memory(
     cli: &Cli,
     surface_distance: bool,
@@ -69,15 +69,15 @@ fn work(cli: &Cli) -> Result<()> {
             monitor.console().warn(format!("{}: {text}", path.display()));
         }
     }
-    // A model is evaluated at the vertices of an icosphere. These have no counterparts in a mesh, so measure the
-    // distance between the surfaces.
+    // A model is evaluated at the vertices of an icosphere. These vertices have no counterparts in a mesh, so the
+    // distance between the surfaces is measured instead.
     let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
     let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());
     budget.check(format_args!("compare {}", cli.original.display()), evaluating)?;
     let apart = first.mapped_apart(&second);
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
-    // Skip the search for vertices that don't correspond if it doesn't fit into memory.
+    // Search for vertices that don't correspond only if the search fits into memory.
     let has_room = budget.fits(held([&original, &reconstruction]) + Unpaired::bytes(reconstruction.faces.len()));
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     // If neither --mask nor --surface-distance is given, `compare_at` itself refuses meshes with different triangles.
@@ -99,7 +99,7 @@ fn work(cli: &Cli) -> Result<()> {
     }
     if mask.is_some() && apart {
         bail!(
-            "{}: --mask compares equal directions, which don't correspond if surfaces were mapped separately",
+            "{}: --mask compares points in equal directions, which don't correspond if surfaces were mapped separately",
             pair()
         );
     }

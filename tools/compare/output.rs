@@ -4,12 +4,12 @@ use serde::Serialize;
 use spharm_monitor::number;
 use spharm_surface::metrics::{Directed, Distances, SurfaceDistance};
 
-/// Distances between two surfaces.
+/// Report on the distances between two surfaces.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     /// Number of compared vertices of the original.
     vertices: usize,
-    /// Distances at the vertices; present if the meshes share their triangles.
+    /// Distances between corresponding vertices; present if the meshes have the same triangles.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     vertexwise: Option<Vertexwise>,
     /// Cube root of the volume of the original's bounding box, in the input's unit.
@@ -36,8 +36,7 @@ struct Surfaces {
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// Upper bound of the error of the computed Hausdorff distance: the true distance may be larger by at most this
-    /// bound.
+    /// Error bound of the computed Hausdorff distance: the true distance may be larger by at most this amount.
     bound: f64,
     forward: OneWay,
     backward: OneWay,
@@ -88,7 +87,8 @@ impl From<Directed> for OneWay {
     }
 }
 
-/// Returns the table. Each distance is given for a bounding box of volume 1 and in the input's unit.
+/// Returns the rows of the printed table. Each distance is given twice: for a bounding box of volume 1, and in the
+/// input's unit.
 pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
     let row = |name: &str, scaled: f64, raw: f64| vec![name.to_owned(), number(scaled), number(raw)];
     let mut rows = vec![["", "box volume 1", "input's unit"].map(str::to_owned).to_vec()];

@@ -15,7 +15,7 @@ use spharm_surface::io::{Output, bytes_to_read, check_output};
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
 
-/// Memory in bytes for the text or the arrays that are held while a file is written.
+/// Memory, in bytes, for the text or the arrays of one file while it is written.
 const WRITING: u64 = 1 << 20;
 
 /// Runs the verb.

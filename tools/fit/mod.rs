@@ -37,7 +37,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         return moments::run(cli, path, &params, &monitor);
     }
     let mut options = options(cli, params)?;
-    // This reader keeps the last volume in memory until the run starts; the run creates its own reader.
+    // This reader keeps the volume that it read last in memory until the run starts; the run creates a reader of its
+    // own.
     let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
         Some(path) => of_manifest(cli, Manifest::read(path)?)?,
@@ -50,7 +51,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     rows::run(&cohort, &options, &monitor, started)
 }
 
-/// Chooses the degree of all models, and prints it.
+/// Chooses the common degree of all models, and prints this degree.
 fn chosen_degree(
     cli: &Cli,
     cohort: &Cohort,
@@ -78,7 +79,7 @@ fn chosen_degree(
     Ok(chosen.degree())
 }
 
-/// Previews a fit of a manifest's rows. The manifest needn't be on disk yet.
+/// Previews the fits of the rows of `manifest`. The manifest's file doesn't have to exist yet.
 pub(crate) fn preview(cli: &Cli, manifest: Manifest) -> Result<Previewed> {
     let (options, monitor) = (options(cli, settings::params(cli)?)?, ConsoleMonitor::new(cli.common.console()));
     rows::preview(&of_manifest(cli, manifest)?, &options, &monitor)
@@ -117,8 +118,8 @@ fn preparation(input: &Input) -> Result<Preparation> {
     Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }
 
-/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`, and volumes without a label use
-/// `--label`.
+/// Returns the rows of a manifest that belong to the shard. Rows without a sphere use `--sphere`, and volumes without a
+/// label use `--label`.
 fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     let shard = cli.cohort.shard.unwrap_or_default();
     match cli.input.label[..] {
@@ -129,7 +130,7 @@ fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     Ok(Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone()))
 }
 
-/// Returns a row for each surface in the arguments, and reads the surfaces' sphere.
+/// Returns a row for each surface in the arguments. Also reads the sphere given by `--sphere`, if any.
 fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &ConsoleMonitor) -> Result<Cohort> {
     let (input, console) = (&cli.input, monitor.console());
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
@@ -141,8 +142,8 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
         for path in paths {
             match named(reader, std::slice::from_ref(&path), &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Keep a volume that is refused, such as an unreadable one, as a row without a label. This row fails
-                // later for the same reason, without stopping the other rows.
+                // If a volume is refused, for example because it can't be read, keep it as a row without a label. This
+                // row fails later for the same reason, without stopping the other rows.
                 Err(_) if is_volume(&path) => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }
@@ -167,7 +168,8 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
     Ok(cohort)
 }
 
-/// Returns the given files without duplicates. Each @LIST is replaced by its paths, and each folder by its meshes.
+/// Returns the given files without duplicates. Each @LIST is replaced by the paths in it, and each folder by the meshes
+/// in it.
 fn files(input: &Input, console: &Console) -> Result<Vec<PathBuf>> {
     let weights = Some(Path::new(&input.weights));
     let used = [input.sphere.as_deref(), input.mask.as_deref(), weights].into_iter().flatten().collect::<Vec<_>>();

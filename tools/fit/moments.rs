@@ -1,4 +1,4 @@
-//! Fits moments of samples instead of surfaces.
+//! Fits models to moments of samples instead of surfaces.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -19,7 +19,7 @@ use spharm_surface::io::write_new;
 
 use super::args::Cli;
 
-/// Fits the samples summarised in a file of moments.
+/// Fits a model to the samples whose moments are in the file at `path`.
 pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.input.weights != "uniform" {

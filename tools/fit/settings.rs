@@ -11,7 +11,7 @@ use spharm_store::catalog::schemes;
 
 use super::args::{Cli, MethodName};
 
-/// Returns the settings given by the arguments, with degree 0 if the degree is to be chosen.
+/// Returns the settings given by the arguments. If no degree is given, the degree is 0, and the fit chooses one.
 pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     let degree = match cli.method.max_degree {
         Some(degree) => degree,
@@ -37,7 +37,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     };
     let (name, store) = method_and_store(cli);
     let method = method(cli, name, store.is_some())?;
-    // Check the store's path before any surface is read, even if the method doesn't need the store.
+    // Check the store's path before any surface is read, even if the method doesn't use the store.
     store.as_deref().map(schemes).transpose()?;
     let params = FitParams::lsq(degree)
         .with_method(method)

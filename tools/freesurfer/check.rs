@@ -10,12 +10,12 @@ use spharm_cohort::run::RunError;
 use spharm_surface::SurfaceError;
 use spharm_surface::geometry::{cross, dot};
 
-/// Names of surfaces that have the same vertices as a hemisphere's values. FreeSurfer writes all of these surfaces; the
-/// first one found is used.
+/// Names of FreeSurfer surfaces whose vertices are those of a hemisphere's per-vertex values. FreeSurfer writes all of
+/// these surfaces; the first one found is used.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
-/// Refuses a surface if its sphere has the opposite orientation. If a target doesn't match its sphere, the error states
-/// whether the sphere matches the other hemisphere.
+/// Checks the orientation of a row's sphere, and refuses a surface whose sphere has the opposite orientation. If a
+/// target doesn't match its sphere, the error states whether the sphere matches the other hemisphere.
 ///
 /// A surface and its sphere have the same orientation. A mirrored sphere, such as the sphere of the other hemisphere,
 /// has the opposite orientation: the volume enclosed by its triangles and the volume enclosed by the surface's
@@ -61,8 +61,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
     }
 }
 
-/// Returns whether a target was refused because it belongs to another sphere, rather than because its file is
-/// malformed.
+/// Returns whether a target was refused because it doesn't match the sphere, rather than because its file is malformed.
 fn is_of_another(error: &RunError) -> bool {
     use SurfaceError::{OtherTriangles, VertexCount};
     matches!(error, RunError::Fit(Error::Surface(VertexCount { .. } | OtherTriangles { .. })))
@@ -73,7 +72,7 @@ fn is_of_another(error: &RunError) -> bool {
 ///
 /// # Errors
 ///
-/// If the sphere doesn't belong to the surface, and therefore doesn't belong to the values.
+/// If the sphere doesn't match the surface, and therefore doesn't match the values.
 fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError> {
     let Some((hemi, _)) = other_hemisphere(path) else { return Ok(None) };
     let mut refused = None;
@@ -98,7 +97,8 @@ fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError>
     }
 }
 
-/// Returns six times the volume enclosed by triangles, positive if they are counter-clockwise seen from outside.
+/// Returns six times the volume enclosed by triangles; positive if the corners of each triangle are in
+/// counter-clockwise order seen from outside.
 fn volume(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     let origin = vertices.first().copied().unwrap_or_default();
     let from_origin = |v: u32| vertices.get(v as usize).map_or([0.0; 3], |p| std::array::from_fn(|k| p[k] - origin[k]));

@@ -1,4 +1,4 @@
-//! `freesurfer`: fits the surfaces of a SUBJECTS_DIR, each on its own registered sphere.
+//! `freesurfer`: fits the surfaces of the subjects in a SUBJECTS_DIR, each on its own registered sphere.
 
 mod args;
 mod check;
@@ -61,9 +61,9 @@ fn options(cli: &Cli, left_out: &[String], console: &Console) -> Result<Options>
     })
 }
 
-/// Returns the subjects, and the skipped folders. Subjects are the given names or, without names, the folders that
-/// contain a folder `surf`, sorted by name. All other folders are skipped. FreeSurfer's averages (fsaverage*) are in
-/// neither list.
+/// Returns the names of the subjects, and the names of the skipped folders. Subjects are the given names or, without
+/// names, the folders that contain a folder `surf`, sorted by name. All other folders are skipped. FreeSurfer's average
+/// subjects (fsaverage*) are in neither list.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
     let named = || format!("{}: cannot read the folder", folder.display());
@@ -73,7 +73,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         for entry in std::fs::read_dir(folder).with_context(named)? {
             let entry = entry.with_context(named)?;
             let name = entry.file_name();
-            // FreeSurfer's programs put the averages fsaverage* into the folder of the subjects.
+            // FreeSurfer's programs put the average subjects fsaverage* into SUBJECTS_DIR.
             match name.to_str() {
                 Some(name) if name.starts_with("fsaverage") => others += 1,
                 Some(name) if entry.path().join("surf").is_dir() => found.push(name.to_owned()),
@@ -132,7 +132,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     Ok((found, left_out))
 }
 
-/// Returns a row for each combination of subject, hemisphere, and surface or signal. Rows on the same sphere are
+/// Returns a row for each combination of subject, hemisphere, and surface or signal. Rows that use the same sphere are
 /// adjacent.
 fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     let (mut rows, mut whole) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! Reads the sphere at whose vertices models are evaluated: an icosphere, a file, or a subject's spheres.
+//! Reads the spheres at whose vertices `--evaluate-on` evaluates models: an icosphere, a file, or a subject's spheres.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use spharm_cohort::evaluate::Evaluate;
 use super::args::{Cli, On};
 use crate::rows::icosphere_within;
 
-/// Reads the spheres at whose vertices models are evaluated.
+/// Reads the spheres that `on`, the value of `--evaluate-on`, selects.
 pub(super) fn evaluate(cli: &Cli, on: &On, console: &Console) -> Result<Evaluate> {
     let budget = Memory { memory: cli.memory }.budget(cli.threads.count());
     let named = match on {
@@ -42,13 +42,13 @@ struct Files {
     /// Sphere of the right hemisphere; `None` if `sphere` is used for both hemispheres or only one hemisphere is
     /// fitted.
     right: Option<PathBuf>,
-    /// Name of the sphere in the file names of outputs.
+    /// Name that stands for the sphere in the names of output files.
     name: String,
 }
 
-/// Finds the spheres of both hemispheres, given the file of a sphere or the name of a subject. The other hemisphere's
-/// sphere is expected in the folder of the given file. A subject such as fsaverage5 is searched for in SUBJECTS_DIR and
-/// among FreeSurfer's own subjects.
+/// Finds the spheres of both hemispheres. `named` is the file of one sphere, or the name of a subject. The other
+/// hemisphere's sphere is expected in the folder of the given file. A subject such as fsaverage5 is searched for in
+/// SUBJECTS_DIR and among FreeSurfer's own subjects.
 fn files(cli: &Cli, named: &Path) -> Result<Files> {
     if named.is_file() {
         let Some((hemi, other)) = other_hemisphere(named) else {
@@ -62,7 +62,7 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
         };
         if cli.hemi.iter().any(|of| *of != hemi) && !other.is_file() {
             bail!(
-                "--evaluate-on {}: expected the sphere of the other hemisphere beside this file, found no {}",
+                "--evaluate-on {}: expected the sphere of the other hemisphere next to this file, found no {}",
                 named.display(),
                 other.display()
             );
@@ -92,7 +92,7 @@ fn of_both(name: &str, hemi: Hemi) -> String {
     rest.map_or_else(|| name.replacen(&format!("{}_", hemi.of_bids()), "", 1), str::to_owned)
 }
 
-/// Returns the sphere files of the fitted hemispheres. `sphere` gives the file of each hemisphere.
+/// Returns the sphere files of the hemispheres that are fitted. `sphere` returns the file for a hemisphere.
 fn of_hemispheres(cli: &Cli, name: String, sphere: impl Fn(Hemi) -> PathBuf) -> Files {
     let has = |hemi| cli.hemi.contains(&hemi);
     let first = if has(Hemi::Lh) { Hemi::Lh } else { Hemi::Rh };

@@ -34,7 +34,7 @@ pub(crate) struct Cli {
         help_heading = METHOD
     )]
     pub(super) subdivisions: Option<u32>,
-    /// Number that selects one surface of the family, or seed of a study or a group
+    /// Number that selects a surface from the family, or the seed of a study or a group
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) variant: u64,
     /// Surface to write
@@ -55,13 +55,13 @@ pub(crate) struct Cli {
     /// voxels of 10 mm; `spharm study` flags this subject in quality control.
     #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions", "double"], help_heading = OUTPUT)]
     pub(super) volumes: Option<PathBuf>,
-    /// Number of subjects of a study, half of them in each group
+    /// Number of subjects in a study, half of them in each group
     #[arg(long, value_name = "N", default_value_t = 12, requires = "subjects_of", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
     pub(super) subjects: u64,
     /// Height of the bump, in mm
     #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "subjects_of", help_heading = METHOD)]
     pub(super) bump: f64,
-    /// Family of shapes of a group to write, with known correspondence
+    /// Family of shapes from which to write a group with known correspondence
     ///
     /// The families are moving-bump, sharp-bump, growing-bump, ellipsoids, rods and tori. Each family has one or two
     /// parameters. Every member has its own mesh and a random pose.

@@ -1,4 +1,5 @@
-//! `generate --group`: writes members of a family with known correspondence, their landmarks and their true parameters.
+//! `generate --group`: writes the members of a family of shapes with known correspondence, with their landmarks and
+//! true parameters.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `generate`: writes folded surfaces with known true parameterisation.
+//! `generate`: writes folded surfaces whose true parameterisation is known.
 
 mod args;
 mod group;
@@ -11,8 +11,8 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 pub(crate) use self::args::Cli;
 
-/// Memory in bytes for each vertex and its triangles while a mesh is written. The GIfTI writer compresses complete
-/// arrays.
+/// Memory, in bytes per vertex, for writing a mesh, including its triangles. The GIfTI writer holds each array
+/// completely, to compress it.
 const WRITING: u64 = 48;
 
 /// Runs the verb.

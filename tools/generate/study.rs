@@ -11,14 +11,14 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 use super::{Cli, WRITING};
 
-/// Memory in bytes for holding and writing the voxels of a subject with a bump of up to [`HIGHEST`].
+/// Memory, in bytes, for holding and writing the voxels of one subject whose bump is at most [`HIGHEST`] high.
 const VOXELS: u64 = 64 << 20;
 /// Maximum height of the bump in label volumes, in mm. Higher bumps make the volumes larger.
 const HIGHEST: f64 = 100.0;
-/// Voxel size in mm that the wrong header states; the true size is 1 mm.
+/// Wrong voxel size, in mm, that one subject's header states; the true size is 1 mm.
 const WRONG: f64 = 10.0;
 
-/// A subject of a generated study.
+/// A subject in a generated study.
 struct Subject {
     name: String,
     group: &'static str,
@@ -36,7 +36,7 @@ pub(super) fn meshes(cli: &Cli, folder: &Path) -> Result<()> {
     study.finish(cli, folder, "meshes, and study.csv")
 }
 
-/// Writes the label volumes of a study, one of them with a wrong header, and its table.
+/// Writes the label volumes of a study, one of which has a wrong header, and the study's table.
 pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
     if !(-HIGHEST..=HIGHEST).contains(&cli.bump) {
         bail!("--bump: for --volumes, expected a value from -{HIGHEST} to {HIGHEST} mm, found {}", cli.bump);
@@ -55,7 +55,7 @@ pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
     study.finish(cli, folder, &what)
 }
 
-/// Returns the bytes of a gzipped NIfTI file of voxels of the given size in mm.
+/// Returns the bytes of a gzipped NIfTI file with `voxels`. `size` is the voxel size in mm that the header states.
 fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
     let row = |k: usize| {
         let mut row = [0.0; 4];
@@ -68,7 +68,7 @@ fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
         // The unit is millimetres, and the matrix maps voxels to the scanner's coordinates.
         xyzt_units: 2,
         sform_code: 1,
-        // The qform describes the same coordinates as the sform, because readers may use either form.
+        // The qform and the sform describe the same coordinates, because a reader may use either of them.
         qform_code: 1,
         quatern_x: row(0)[3],
         quatern_y: row(1)[3],
@@ -78,13 +78,16 @@ fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
         srow_z: row(2),
         ..NiftiHeader::default()
     };
-    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let folder = tempfile::tempdir().context("cannot create a temporary folder")?;
     let file = folder.path().join("labels.nii.gz");
-    WriterOptions::new(&file).reference_header(&header).write_nifti(&voxels.values).context("a label volume")?;
-    std::fs::read(&file).context("a label volume")
+    WriterOptions::new(&file)
+        .reference_header(&header)
+        .write_nifti(&voxels.values)
+        .context("cannot write the volume")?;
+    std::fs::read(&file).context("cannot read the volume")
 }
 
-/// A study to write, one file for each subject.
+/// A study to write, with one file for each subject.
 struct Generated {
     study: Study,
     subjects: Vec<Subject>,

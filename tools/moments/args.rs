@@ -72,7 +72,7 @@ pub(super) struct Merge {
 /// Arguments of `moments` itself; required unless a subcommand is given.
 #[derive(Debug, Args)]
 pub(super) struct Form {
-    /// Tables of samples, one per row; - is standard input
+    /// Tables with one sample per row; - is standard input
     #[arg(long, value_name = "FILE", num_args = 1.., required = true, help_heading = INPUT)]
     pub(super) samples: Vec<PathBuf>,
     #[command(flatten)]
@@ -88,7 +88,7 @@ pub(super) struct Form {
     /// Part of each table to read: part I of N, with I counted from 0
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
     pub(super) shard: Shard,
-    /// Highest degree of fits, inclusive
+    /// Highest degree of later fits, inclusive
     #[arg(short = 'L', long, alias = "degree", value_name = "L", required = true, help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `moments`: sums samples for later fits, in parts that can be added.
+//! `moments`: computes the moments of samples for later fits, in parts that can be added.
 
 mod args;
 
@@ -58,7 +58,8 @@ fn read(form: &Form, monitor: &ConsoleMonitor) -> Result<()> {
     output.finish(&moments, &report, seconds.total)
 }
 
-/// Returns the vertices of the sphere if the samples are at vertices (--sphere or --icosphere).
+/// Returns the directions of the sphere's vertices if the samples are at these vertices (--sphere or --icosphere),
+/// otherwise `None`.
 fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Option<Directions>> {
     let sphere = match (&form.positions.sphere, form.positions.icosphere) {
         (Some(path), _) => {
@@ -119,14 +120,14 @@ fn report(moments: &Moments, output: &Path) -> Value {
     })
 }
 
-/// Output files: the moments, and the report on them.
+/// Output files: the file of moments, and the report.
 struct Output<'a> {
     args: &'a OutputArgs,
     path: &'a Path,
 }
 
 impl<'a> Output<'a> {
-    /// Refuses, before any work, outputs that couldn't be written at the end.
+    /// Refuses outputs that can't be written, before any samples or parts are read.
     fn new(args: &'a OutputArgs) -> Result<Self> {
         let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is required"))?;
         let moments = OutputFile::with_ending(path, "--output", &[".moments"]);

@@ -47,7 +47,7 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
     if let [input] = &paths[..] {
         check(cli, input)?;
         if file {
-            // Check the arguments before reading the volume, which takes a while.
+            // Check the arguments first, because reading the volume takes a while.
             single(cli, input, None)?;
         }
     }

@@ -11,7 +11,7 @@ use spharm_surface::repair::MeshRepair;
 use super::args::Cli;
 use super::items::Item;
 
-/// Report on a surface.
+/// Report on the mapping of one surface.
 #[derive(Debug, Serialize)]
 pub(super) struct Written {
     input: String,
@@ -126,7 +126,8 @@ fn of_label(found: &VolumeSurface) -> String {
     format!("label {}, {}", found.label, counted(found.voxels, "voxel"))
 }
 
-/// Returns a row for each loop that was cut, at most `MOST_ROWS` rows; the JSON report has all loops.
+/// Returns a table with a row for each loop along which a handle was cut. The table has at most `MOST_ROWS` rows; the
+/// JSON report lists all loops.
 fn cuts(handles: &HandlesReport) -> String {
     const MOST_ROWS: usize = 12;
     let head = ["cut", "length", "vertices", "area added", "at"].map(str::to_owned).to_vec();

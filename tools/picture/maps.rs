@@ -33,7 +33,7 @@ pub(super) struct MapFile {
     pub(super) path: PathBuf,
     /// Text beneath the panel.
     pub(super) caption: String,
-    /// Name of the values, for the colour scale.
+    /// Name of the values, shown beneath the colour scale.
     label: String,
     /// Whether the colours are symmetric about 0, even if no value is negative.
     signed: bool,
@@ -118,7 +118,7 @@ impl MapFile {
 /// A map to be shown in colours.
 pub(super) struct Coloured {
     pub(super) values: Vec<f64>,
-    /// Values that are shown in the first and in the last colour.
+    /// Values at the lower and the upper end of the colour scale.
     pub(super) range: (f64, f64),
     /// Text beneath the colour scale.
     pub(super) label: String,
@@ -126,12 +126,13 @@ pub(super) struct Coloured {
     pub(super) caption: String,
 }
 
-/// A map and the value along its contour. For a map of p values, both are -log10 p.
+/// A map, and the value along the contour to draw. For a map of p values, the values and the contour's value are -log10
+/// p.
 pub(super) struct ContourMap {
     pub(super) values: Vec<f64>,
     level: f64,
     label: String,
-    /// Value along the contour as given by the user.
+    /// Value along the contour, as the user gave it, without conversion to -log10.
     stated: f64,
     /// Number of values that are at most `stated`.
     at_most: usize,
@@ -193,7 +194,7 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
     if found != (vertices, 1) {
         bail!(
-            "{}: expected one value for each of {vertices} vertices, found {} for each of {} vertices",
+            "{}: expected one value for each of the {vertices} vertices, found {} for each of {} vertices",
             path.display(),
             counted(found.1, "value"),
             found.0

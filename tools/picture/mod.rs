@@ -127,7 +127,7 @@ fn is_svg(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
 }
 
-/// Returns the text beneath a panel of a surface that is shown from several sides.
+/// Returns the text beneath one panel of a surface that is shown from several sides.
 fn caption(name: &str, view: Side) -> String {
     if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
 }
@@ -135,7 +135,7 @@ fn caption(name: &str, view: Side) -> String {
 /// Largest number of panels that are in one row by default.
 const ROW: usize = 6;
 
-/// Returns the settings for a number of panels of a given size.
+/// Returns the settings for a picture of `panels` panels, each `size` pixels wide and high.
 fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
     let size = usize::from(size);
     let columns = match (cli.columns, cli.view.len()) {
@@ -156,7 +156,8 @@ fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
     }
 }
 
-/// Refuses pictures that don't fit into memory. `surfaces` is empty in the check before the surfaces are read.
+/// Refuses a picture that doesn't fit into memory. This is checked before and after the surfaces are read; `surfaces`
+/// is empty before.
 fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) -> Result<()> {
     let [vertices, faces] = surfaces.iter().map(Surface::counts).max().unwrap_or_default().map(|count| count as usize);
     let held = surfaces.iter().map(Surface::counts).map(|[vertices, faces]| 24 * vertices + 12 * faces).sum::<u64>();

@@ -12,7 +12,7 @@ use spharm_render::fit_into;
 use spharm_surface::Mesh;
 use spharm_surface::geometry::bounds;
 
-/// Returns the files of surfaces, with folders replaced by the models in them.
+/// Returns the paths of the surfaces. Each folder in `given` is replaced by the models in this folder.
 pub(super) fn files(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
     expand(given, ".spharm.npz")
 }
@@ -42,7 +42,7 @@ pub(super) fn fit_each(meshes: &mut [Mesh]) {
     others.iter_mut().for_each(|mesh| *mesh = fit_into(mesh, first));
 }
 
-/// Returns a number for each surface from a column of a table. The surfaces' paths or names are in the table's column
+/// Returns the number of each surface in a column of a table. The surfaces' paths or names are in the table's column
 /// `model` or, if it has no such column, in its first column. Warns if this column has paths of files other than the
 /// surfaces.
 ///
@@ -60,7 +60,7 @@ pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf], console: 
     if let Some((surface, row)) = others.first() {
         let (count, cell, surface) = (others.len(), keys[**row], surface.display());
         console.warn(format!(
-            "{}: paths of other files with the same names, such as {cell} for {surface} ({count} of {} rows); check \
+            "{}: {count} of {} rows are paths of other files with the same names, such as {cell} for {surface}; check \
              that this is the table of these surfaces",
             named(),
             rows.len()
@@ -84,8 +84,8 @@ fn is_other_file(table: &Path, cell: &str, surface: &Path) -> bool {
     let paths = [PathBuf::from(cell), folder.join(cell)];
     let found: Vec<PathBuf> =
         paths.iter().filter(|path| path.is_file()).filter_map(|path| path.canonicalize().ok()).collect();
-    // A table of the original surfaces may also be used for files derived from them: for reconstructions, which have
-    // other names, and for aligned models, which record the same input.
+    // A table of the original surfaces may also be used for files made from these surfaces. Reconstructions have other
+    // names, and aligned models record the same input, so neither counts as another file.
     let same_name = |path: &PathBuf| path.file_name() == surface.file_name() && !is_copy(path, surface);
     surface.canonicalize().is_ok_and(|own| !found.contains(&own)) && found.iter().any(same_name)
 }

@@ -65,7 +65,7 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
     }
 }
 
-/// Returns the bytes of memory for an icosphere and for a model's values on it.
+/// Returns the memory, in bytes, for an icosphere and for a model's values at the icosphere's vertices.
 fn on_icosphere(subdivisions: u32, channels: usize, degree: usize) -> u64 {
     let [vertices, faces] = icosphere_counts(subdivisions);
     icosphere_bytes(subdivisions).max(Model::bytes_to_evaluate(vertices, faces, channels, degree))
@@ -97,7 +97,7 @@ fn check_memory(
     Ok(())
 }
 
-/// Evaluates a model and writes the result; returns the report.
+/// Evaluates one model and writes the result. Returns the report on this model.
 fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console: &Console) -> Result<Value> {
     let started = Instant::now();
     budget.check_inputs("reconstruct", [item.model.as_path()])?;
@@ -174,7 +174,7 @@ fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Co
     }
 }
 
-/// A warning is given if the gap between the sides of a seam exceeds this fraction of the bounding box's size.
+/// Largest gap between the two sides of a seam, as a fraction of the bounding box's size, that gives no warning.
 const WIDE: f64 = 5e-3;
 
 /// Returns the surface at the fitted vertices, with its handles restored if they were cut.

@@ -16,7 +16,7 @@ const SURFACE: &str = "surf.gii";
 /// Default extension of the files of signals in an output folder.
 const SIGNAL: &str = "func.gii";
 
-/// A model, and the file for its values.
+/// A model to evaluate, and the file to which its values are written.
 pub(super) struct Item {
     pub(super) model: PathBuf,
     target: Target,
@@ -38,7 +38,8 @@ impl Item {
     }
 }
 
-/// Returns the models with their outputs: for a single model the named file, otherwise a file in the output folder.
+/// Returns the models to evaluate, each with its output: the file that `--output` names for a single model, otherwise a
+/// file in the output folder.
 pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
     let paths = [&cli.models[..], &cli.model].concat();
     let models = expand(&paths, ".npz")?;

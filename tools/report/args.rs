@@ -66,7 +66,7 @@ pub(crate) struct Cli {
     /// Warnings to show at the top, as JSON lists of strings
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
-    /// Text on methods to show, as `spharm study` writes it
+    /// Methods paragraph to show, as `spharm study` writes it
     #[arg(long, value_name = "FILE.md", help_heading = INPUT)]
     pub(super) methods: Option<PathBuf>,
     /// Provenance of a study to show, as `spharm study` writes it

@@ -1,4 +1,4 @@
-//! Reads the quality control of a group written by `shape check`.
+//! Reads the quality-control report that `shape check` writes for a group.
 
 use std::path::Path;
 
@@ -12,8 +12,8 @@ use spharm_report::{Check, CheckedCell, CheckedSubject};
 
 use super::measured;
 
-/// Columns of the page's table: heading, key in the report, key of the robust z (empty for none), and the factor
-/// applied to the value.
+/// Columns of the page's table, each with its heading, the key of its values in the report, the key of their robust z
+/// scores (empty if there are none), and the factor by which the values are multiplied.
 const COLUMNS: [(&str, &str, &str, f64); 13] = [
     ("volume", "volume", "volume_z", 1.0),
     ("area", "area", "area_z", 1.0),
@@ -32,7 +32,7 @@ const COLUMNS: [(&str, &str, &str, f64); 13] = [
 /// Maximum size of a picture in bytes; thumbnails are far smaller.
 const LARGEST_PICTURE: u64 = 1 << 20;
 
-/// Reads the subjects, each with its picture if the picture exists. Columns without any value are omitted.
+/// Reads the table of subjects, each with its picture if the picture exists. Columns without any values are omitted.
 pub(super) fn read(path: &Path, pictures: Option<&Path>) -> Result<Check> {
     let found = measured::read(path, "shape check", "spharm shape check --report")?;
     let subjects = found["subjects"].as_array().map_or(&[][..], Vec::as_slice);

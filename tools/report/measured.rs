@@ -9,7 +9,7 @@ use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_monitor::number;
 use spharm_report::{Quality, Table};
 
-/// Reads measures of alignments, named after their files.
+/// Reads the quality measures of alignments, each named after its file.
 pub(super) fn quality(paths: &[PathBuf]) -> Result<Vec<Quality>> {
     paths.iter().map(|path| quality_of(path)).collect()
 }
@@ -44,14 +44,14 @@ fn curve(value: &Value) -> Option<Curve> {
 
 /// Correspondence of a group, from the report of `shape correspond`.
 pub(super) struct Correspondence {
-    /// Table of members with their coverage, and the table of landmarks if the group has landmarks.
+    /// Table of the members with their coverage and, if the group has landmarks, table of the landmarks.
     pub(super) tables: Vec<Table>,
-    /// Mean and median distance of carried landmarks.
+    /// Mean and median distance between a carried landmark and the member's own landmark.
     pub(super) landmarks: Option<[f64; 2]>,
 }
 
-/// Columns of the table of a group's members: heading, key in the report, factor applied to the value, and number of
-/// decimals.
+/// Columns of the table of a group's members, each with its heading, the key of its values in the report, the factor by
+/// which the values are multiplied, and the number of decimals.
 const MEMBERS: [(&str, &str, f64, usize); 7] = [
     ("pose distance", "pose_distance", 1.0, 4),
     ("coverage, rms", "cover_rms", 1.0, 4),
@@ -102,7 +102,7 @@ pub(super) fn read(path: &Path, tool: &str, command: &str) -> Result<Value> {
     let text = read_text(path, "report", MOST_OWN)?;
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
     if value["tool"] != tool {
-        let found = value["tool"].as_str().map_or("another file".to_owned(), |tool| format!("one of {tool}"));
+        let found = value["tool"].as_str().map_or("another file".to_owned(), |tool| format!("a report of `{tool}`"));
         bail!("{}: expected a report of `{command}`, found {found}", path.display());
     }
     Ok(value)

@@ -65,7 +65,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     print_line(&format!("{}: {}", cli.output.display(), Size(html.len())))
 }
 
-/// Refuses inputs that don't fit into memory together.
+/// Refuses input files that together don't fit into memory.
 fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     let (models, surfaces) = (expand(&cli.models, ".npz")?, expand_lists(&cli.surface)?);
     let maps: Vec<PathBuf> = cli.test.iter().flat_map(|folder| read::files(folder)).collect();

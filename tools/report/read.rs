@@ -18,7 +18,7 @@ use spharm_surface::io::{read_mesh, read_signal};
 use super::args::Cli;
 use super::tested::{CLUSTERS, LARGEST_TABLE, SUMMARY, table};
 
-/// Names of maps, in the order of the page's list; `spharm shape test` writes only some of them.
+/// Names of maps, in the order in which the page lists them; a test has only some of these maps.
 const MAPS: [&str; 16] = [
     "effect",
     "effect-x",
@@ -39,10 +39,10 @@ const MAPS: [&str; 16] = [
 ];
 /// File in a test's folder that describes the test.
 const ABOUT: &str = "test.json";
-/// Maximum size of a report of a fit in bytes: larger files aren't reports.
+/// Maximum size in bytes of a report on fits; no report is larger.
 const LARGEST_REPORT: u64 = 1 << 30;
 
-/// Reads the models, each with its surface and its entry in the reports of fits.
+/// Reads the models, each with its surface and its entry in the reports that `spharm fit` wrote.
 pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
     if cli.models.is_empty() {
         return Ok(Vec::new());
@@ -109,7 +109,7 @@ fn is_of(entry: &Value, model: &Path) -> bool {
     of("output").is_some_and(|output| Path::new(output) == model || file(Path::new(output)) == file(model))
 }
 
-/// Reads the modes of groups.
+/// Reads the modes of groups, each with a name for the page.
 pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
     let name = |path: &Path| {
         let name = model_name(path);
@@ -118,7 +118,7 @@ pub(super) fn modes(paths: &[PathBuf]) -> Result<Vec<(String, ShapeModel)>> {
     paths.iter().map(|path| Ok((format!("{}: modes", name(path)), ShapeModel::read(path)?))).collect()
 }
 
-/// Reads the results of tests: folders with a mean surface and maps.
+/// Reads the results of tests from folders that contain a mean surface and maps.
 pub(super) fn tests(folders: &[PathBuf]) -> Result<Vec<Maps>> {
     folders.iter().map(|folder| test(folder)).collect()
 }
@@ -156,8 +156,8 @@ fn test(folder: &Path) -> Result<Maps> {
     Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
 }
 
-/// Reads the description of a test in `test.json` as rows of the page's table. Returns no rows for a folder written by
-/// an earlier version, which has no such file.
+/// Reads the description of a test from `test.json`. Returns the meaning of the tested effect, and the rows of the
+/// page's table. There are no rows for a folder from an earlier version of spharm, which has no `test.json`.
 fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     let path = folder.join(ABOUT);
     if !path.is_file() {
@@ -244,9 +244,9 @@ pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
     paths.iter().map(|path| table(path)).collect()
 }
 
-/// Reads a text file on methods, and returns its paragraphs.
+/// Reads the methods paragraph of a study, and returns it as paragraphs for the page.
 pub(super) fn methods(path: &Path) -> Result<Vec<String>> {
-    let text = read_text(path, "text on methods", LARGEST_TABLE)?;
+    let text = read_text(path, "methods paragraph", LARGEST_TABLE)?;
     let lines = text.split("\n\n").flat_map(|part| match part.starts_with("- ") {
         true => part.lines().map(str::to_owned).collect(),
         false => vec![part.replace('\n', " ")],

@@ -17,7 +17,7 @@ pub(super) const LARGEST_TABLE: u64 = 64 << 20;
 /// Maximum number of clusters in a table of the page.
 const MOST: usize = 20;
 
-/// Reads the tables of each test, measures before clusters. A test may have neither table.
+/// Reads the tables of each test: first its measures, then its clusters. A test may lack either table.
 pub(super) fn tables(folders: &[PathBuf], page: &Path) -> Result<Vec<Table>> {
     let mut tables = Vec::new();
     for folder in folders {
@@ -34,7 +34,7 @@ pub(super) fn tables(folders: &[PathBuf], page: &Path) -> Result<Vec<Table>> {
     Ok(tables)
 }
 
-/// Reads a table with a header, of columns separated by tabs if the header has a tab, otherwise by commas.
+/// Reads a table with a header. Columns are separated by tabs if the header contains a tab, otherwise by commas.
 pub(super) fn table(path: &Path) -> Result<Table> {
     let open = || format!("{}: cannot read the table", path.display());
     let text = read_text(path, "table", LARGEST_TABLE)?;
@@ -43,15 +43,14 @@ pub(super) fn table(path: &Path) -> Result<Table> {
     let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
     let columns = cells(reader.headers().with_context(open)?);
     if columns.is_empty() {
-        bail!("{}: expected a table with a header, found nothing", path.display());
+        bail!("{}: expected a table with a header, found an empty file", path.display());
     }
     let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)?, note: None })
 }
 
-/// Returns the page's table of measures. The columns of the effect and the p values are moved before the columns of the
-/// numbers of subjects, the means and the standard deviations, so that the effect and the p values are visible without
-/// scrolling.
+/// Returns the page's table of measures. The columns with effects and p values are moved before the columns with
+/// numbers of subjects, means and standard deviations, so that effects and p values are visible without scrolling.
 fn of_measures(mut read: Table) -> Table {
     let first = read.columns.iter().position(|name| ["effect", "statistic"].contains(&name.as_str()));
     if let Some(first) = first.filter(|first| *first > 1) {
@@ -98,7 +97,7 @@ fn heading(column: &str, area: &str) -> String {
     }
 }
 
-/// Returns the path of a file relative to the page's folder if the file is in it, otherwise the path as given.
+/// Returns the path of a file, relative to the page's folder if the file is in that folder.
 fn from_page(file: &Path, page: &Path) -> String {
     let (Ok(inside), Ok(page)) = (absolute(file), absolute(page)) else { return shown(file) };
     page.parent().and_then(|folder| inside.strip_prefix(folder).ok()).map_or_else(|| shown(file), shown)

@@ -1,4 +1,4 @@
-//! Arguments of the verbs that fit many surfaces.
+//! Arguments shared by the verbs that fit many surfaces.
 
 use std::path::PathBuf;
 

@@ -1,7 +1,7 @@
 //! Shows the events of a run on the console or as JSON lines, and summarises them for the report.
 //!
-//! If there are more than [`LISTED`] rows, only counts and the worst rows are kept, so that memory doesn't grow with
-//! the number of rows.
+//! If a run has more than [`LISTED`] rows, only counts and the rows with the largest errors are kept, so that memory
+//! doesn't grow with the number of rows.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ const NAMED: usize = 100;
 const PRINTED: usize = 20;
 /// Number of rows above which the warnings are repeated at the end.
 const LONG: usize = 10;
-/// Number of worst rows that are shown.
+/// Number of rows with the largest errors that are shown.
 const WORST: usize = 5;
 
 /// Observer of a run that prints its events and collects the summary.
@@ -37,13 +37,13 @@ pub(crate) struct Rows<'a> {
     console: &'a Console,
     /// Number of rows.
     rows: usize,
-    /// Whether the run ends at the first failure. The call then returns this failure as its error, so failures aren't
-    /// printed one by one.
+    /// Whether the run ends at the first failure. If so, the failure isn't printed here, because the call returns it as
+    /// its error.
     alone: bool,
     /// Whether a later step aligns the models. If so, no warning is given about models that don't correspond yet.
     aligned_later: bool,
     summary: Mutex<Summary>,
-    /// The first [`PRINTED`] warnings, to repeat them at the end.
+    /// The first [`PRINTED`] warnings, which are repeated at the end.
     warnings: Mutex<Vec<String>>,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Summary {
     xsd: Sum,
     /// Wall time of each stage, in seconds.
     pub(super) seconds: Seconds,
-    /// Wall time of mapping surfaces to spheres, in seconds.
+    /// Wall time spent mapping surfaces to spheres, in seconds.
     pub(super) parametrize: f64,
     /// Number of groups of surfaces that were fitted together.
     groups: usize,
@@ -71,7 +71,7 @@ pub(super) struct Summary {
     printed: HashSet<String>,
 }
 
-/// Surfaces that were fitted together, and the report on their fit.
+/// Surfaces that were fitted together, with the report on their common fit.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Batch {
     ids: Vec<String>,
@@ -108,7 +108,7 @@ pub(super) struct Distance {
     pub(super) output: PathBuf,
 }
 
-/// Running sum and maximum, for the mean and the maximum of values.
+/// Running count, sum and maximum of values, from which their mean and maximum are computed.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sum {
     sum: f64,
@@ -188,7 +188,7 @@ impl<'a> Rows<'a> {
         self.summary.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the summary; `read` is the number of seconds spent reading before the run.
+    /// Returns the summary. `read` is the time spent reading before the run, in seconds.
     pub(super) fn summary(&self, read: f64) -> Summary {
         let mut summary = std::mem::take(&mut *self.lock());
         summary.seconds.read += read;
@@ -221,8 +221,8 @@ impl<'a> Rows<'a> {
         self.console.warn(warning);
     }
 
-    /// Repeats the warnings after the table of a long run, so that users see them. A study repeats the warnings
-    /// itself.
+    /// Repeats the warnings after the table of a long run, so that users don't miss them. In a study, the study repeats
+    /// them instead.
     pub(super) fn repeat_warnings(&self) {
         let warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
         if self.rows > LONG && !self.aligned_later && !warnings.is_empty() {

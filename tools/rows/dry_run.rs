@@ -17,7 +17,7 @@ const SPHERES: usize = 3;
 /// Maximum number of failing rows that the preview lists.
 const NAMED: usize = 5;
 
-/// Preview of a call, as text and as JSON.
+/// Preview of a call of a verb, as text and as JSON.
 pub(crate) struct Previewed {
     pub(crate) text: String,
     json: Value,
@@ -35,7 +35,7 @@ pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) 
     previewed.error.map_or(Ok(()), Err)
 }
 
-/// Determines the outcome of a call without running it.
+/// Determines what a call would do and which rows would fail, without fitting anything.
 pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<Previewed> {
     let rows = Rows::new(monitor.console(), cohort.rows.len(), options);
     let found = spharm_cohort::run::preview(cohort, &options.run, &rows, monitor)?;

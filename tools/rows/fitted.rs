@@ -22,10 +22,10 @@ pub(super) struct Fitted {
     pub(super) output: PathBuf,
     #[serde(flatten)]
     pub(super) report: FitReport,
-    /// Number of vertices that were ignored, because of a mask or because they have no value.
+    /// Number of vertices that were ignored because they are masked or have no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unread: Option<usize>,
-    /// Report on the sphere that was made for a surface without a given sphere.
+    /// Report on the mapping of the surface to a sphere, if no sphere was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     parametrization: Option<Mapping>,
 }
@@ -63,7 +63,7 @@ impl Fitted {
             cells.push(number(held_out.map(|of| of.held_out.rms())));
         }
         if columns.denoise {
-            // A signal with several channels shows the estimates of its first channel only.
+            // For a signal with several channels, the table shows only the estimates of the first channel.
             let removed = self.report.denoise.first();
             cells.push(number(removed.map(|of| of.noise.sigma)));
             cells.push(removed.map_or("-".to_owned(), |of| format!("{:.0}", of.noise.degrees_of_freedom)));

@@ -74,7 +74,8 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
     ended
 }
 
-/// Refuses a report or status file whose path is also the path of a row's model or of a companion file of the model.
+/// Refuses a report or status file whose path is also the path of a model to be written, or of a companion file of such
+/// a model.
 fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     let beside = [(&options.report, "--report"), (&options.run.status, "--status")];
     let beside: Vec<_> = beside.iter().filter_map(|(path, flag)| Some((path.as_ref()?, flag))).collect();
@@ -134,8 +135,8 @@ fn finish(
 }
 
 /// Returns the icosphere on which models of a degree are evaluated, or an error if memory doesn't suffice. `option` is
-/// the verb and the option that sets the number of subdivisions. The error states this text before the number of
-/// subdivisions.
+/// the text that the error puts before the number of subdivisions: the subcommand and its option, such as `bids
+/// --icosphere `.
 pub(crate) fn icosphere_within(budget: Budget, option: &str, subdivisions: u32, degree: usize) -> Result<Sphere> {
     let needed = |subdivisions: u32| {
         let [vertices, faces] = icosphere_counts(subdivisions);

@@ -33,14 +33,13 @@ impl Options {
         Self { run, dry_run: false, report, json: false, threads, about, aligned_later: false }
     }
 
-    /// Applies the cohort arguments.
+    /// Applies the arguments that all verbs with rows share, such as `--shard` and `--dry-run`.
     pub(crate) fn with(mut self, cohort: &CohortArgs) -> Self {
         (self.run.keep_going, self.run.status) = (cohort.keep_going, cohort.status.clone());
         Self { dry_run: cohort.dry_run, ..self }
     }
 
-    /// Returns whether an existing report is replaced. A call that resumes an earlier one replaces the report of the
-    /// earlier call.
+    /// Returns whether an existing report is replaced. A call that resumes an earlier call replaces that call's report.
     pub(crate) fn replaces_report(&self) -> bool {
         self.run.if_exists != IfExists::Refuse
     }

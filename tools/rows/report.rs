@@ -11,7 +11,7 @@ use super::console::Summary;
 use super::fitted::{Columns, number};
 use super::options::Options;
 
-/// Returns the report of a call.
+/// Returns the report on a call as JSON.
 pub(super) fn report(options: &Options, summary: &Summary, total: f64) -> Value {
     let method = &options.run.fit.method;
     let mut report = Map::new();
@@ -63,7 +63,7 @@ pub(super) fn write(options: &Options, report: &Value) -> Result<()> {
     write_json(path, options.replaces_report(), report)
 }
 
-/// Prints the report, or the table.
+/// Prints the report as JSON if `--json` was given, otherwise the table.
 pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: f64) -> Result<()> {
     if options.report.as_deref().is_some_and(is_stdout) {
         return Ok(());

@@ -89,9 +89,9 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Returns the ids of rows whose model was made but no longer exists. If all models are missing and the paths are
-/// relative, the current folder probably differs from the folder in which the fits ran. In this case, prints a note and
-/// returns no ids.
+/// Returns the ids of the rows that are recorded as done, but whose models no longer exist. If all models are missing
+/// and the paths are relative, the current folder probably differs from the folder in which the fits ran. In this case,
+/// prints a note and returns no ids.
 fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
     let made: Vec<&&Entry> =
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();

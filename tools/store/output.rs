@@ -6,7 +6,7 @@ use spharm_store::catalog::SchemeSummary;
 use spharm_store::factor::FactorFile;
 use spharm_store::{Codec, DegreeFile, Scalar, SchemeKey, StoreError};
 
-/// A row of `list`.
+/// A row of `list`: the files of one sampling scheme.
 #[derive(Debug, Serialize)]
 pub(super) struct SchemeRow {
     key: String,
@@ -19,12 +19,12 @@ pub(super) struct SchemeRow {
     /// Number of factors that are stored next to the basis.
     factors: usize,
     damaged: usize,
-    /// Number of files of a newer format version.
+    /// Number of files in a newer format version.
     newer: usize,
     bytes: u64,
 }
 
-/// A basis file.
+/// The basis file of one degree, as listed by `show`.
 #[derive(Debug, Serialize)]
 pub(super) struct DegreeRow {
     key: String,
@@ -39,7 +39,7 @@ pub(super) struct DegreeRow {
     problem: Option<String>,
 }
 
-/// A factor file.
+/// The file of a Cholesky factor, as listed by `show`.
 #[derive(Debug, Serialize)]
 pub(super) struct FactorRow {
     key: String,
@@ -57,7 +57,7 @@ pub(super) struct FactorRow {
     problem: Option<String>,
 }
 
-/// A row of `show`.
+/// A row of `show`: a basis file or a factor file.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 pub(super) enum Row {
@@ -82,7 +82,7 @@ impl From<SchemeSummary> for SchemeRow {
     }
 }
 
-/// Returns the table of schemes.
+/// Returns the rows of the printed table of schemes.
 pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
     let mut lines =
         vec![["scheme", "directions", "dtype", "codec", "degrees", "factors", "size"].map(str::to_owned).to_vec()];
@@ -193,7 +193,7 @@ fn number(value: Option<usize>) -> String {
     value.map_or("-".to_owned(), |value| value.to_string())
 }
 
-/// Returns the table of basis files.
+/// Returns the rows of the printed table of basis files.
 pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
     let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows per chunk", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
@@ -212,7 +212,7 @@ pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
     lines
 }
 
-/// Returns the table of factors.
+/// Returns the rows of the printed table of factor files.
 pub(super) fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
     let head = ["scheme", "factor", "columns", "weights", "smoothness", "condition", "tiles", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];

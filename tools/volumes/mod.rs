@@ -34,10 +34,9 @@ use self::names::{advice_on_images, same_name};
 use self::table::{Outcome, Row};
 use crate::rows::if_exists;
 
-/// The quadrature of the area stops when the area's relative change falls below this value, which is far below the
-/// accuracy of a surface made of voxels.
+/// Relative change of the area at which its quadrature stops; far below the accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
-/// If the table has more rows than this, the warnings about repairs are repeated at the end.
+/// Number of table rows above which the warnings about repairs are repeated at the end.
 const LONG: usize = 10;
 
 /// Runs the verb.
@@ -114,7 +113,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    // An interrupted run may not have reached the labels of an earlier run's models, so it doesn't warn about them.
+    // A run that was interrupted doesn't warn about models from an earlier run, because it may not have reached their
+    // labels yet.
     let whole = done.is_ok() && cli.table.is_none();
     let others = whole.then(|| warnings::of_earlier_runs(&cli.output, &table, &known)).flatten();
     let doubts = doubts.chain(warnings::of_volumes(&rows)).chain(warnings::cut_off(&rows)).chain(reader.warnings());
@@ -148,12 +148,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
-/// Returns the degree that suits the labels of the first volume that has any of the chosen labels.
+/// Returns the degree that suits the chosen labels in the first volume that contains any of them.
 fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monitor: &ConsoleMonitor) -> Result<usize> {
     for path in volumes {
         let read = reader.volume(path, monitor);
         monitor.check()?;
-        // Skip a volume that can't be read, because it fails later, with the reason.
+        // Skip a volume that can't be read; its failure is reported later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
         let kept = |label: i64| {
@@ -173,7 +173,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
     Ok(1)
 }
 
-/// Returns the given files, with each folder replaced by the volumes in it.
+/// Returns the given files. Each folder is replaced by the volumes in this folder.
 fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in expand_lists(given)? {
@@ -226,27 +226,27 @@ struct Call<'a> {
     inputs: Inputs,
 }
 
-/// The rows of the table so far.
+/// The rows of the table so far, and facts about existing models.
 #[derive(Default)]
 struct Found {
     rows: Vec<Row>,
-    /// Number of existing models that were made with other settings or of another input.
+    /// Number of existing models that were made with other settings or from another input.
     refused: usize,
     /// Warnings about repairs that changed a large part of a label.
     losses: Vec<String>,
-    /// Names of existing models whose labels were skipped. Other warnings report these models.
+    /// File names of existing models whose labels were skipped. Other warnings report these models.
     skipped: Vec<OsString>,
 }
 
 /// Observer of the run that fits a volume's labels.
 struct OfVolume<'a> {
     call: &'a Call<'a>,
-    /// Rows of the table, one for each row of the run; the outcomes are filled in later.
+    /// Rows of the table, one for each label that is fitted; their outcomes are filled in when the fits end.
     rows: Vec<Row>,
 }
 
 impl Call<'_> {
-    /// Makes the models of a volume's labels. Returns an error only if interrupted.
+    /// Makes the models of a volume's labels. Returns an error only if interrupted; failures become table rows.
     fn volume(&mut self, path: &Path) -> Result<()> {
         let read = self.reader.volume(path, self.monitor);
         let read = read.map_err(anyhow::Error::from).and_then(|volume| Ok((FileRecord::of(path)?, volume)));
@@ -307,8 +307,8 @@ impl Call<'_> {
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
         let ended = run::run_reading(&cohort, &self.params, self.reader, &observer, self.monitor);
-        // Labels are fitted in parallel and finish in any order, and skipped labels come first: sort the rows in the
-        // order of the labels.
+        // The rows are in the order in which labels finish, with skipped labels first. Sort them in the order of the
+        // labels.
         let places: HashMap<i64, usize> = wanted.iter().enumerate().map(|(place, label)| (*label, place)).collect();
         self.lock().rows[before..].sort_by_key(|row| row.label.and_then(|label| places.get(&label).copied()));
         match ended {
@@ -329,7 +329,7 @@ impl Call<'_> {
         self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a row without a model; returns an error only if interrupted.
+    /// Adds the row of a label or volume that failed with `error`. Returns an error only if the call is interrupted.
     fn failed(&self, row: Row, error: &anyhow::Error) -> Result<()> {
         self.monitor.check()?;
         let text = exit::line_with_advice(error.as_ref());

@@ -1,4 +1,4 @@
-//! Makes the names of models, which may contain the numbers of the channel and the time.
+//! Makes the names of models, which may contain the channel number and the time number of the image.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -29,7 +29,7 @@ impl FromStr for ImageTemplate {
 }
 
 impl ImageTemplate {
-    /// Returns the template of the names of an image's models.
+    /// Returns the template for the names of the models made from an image.
     ///
     /// # Errors
     ///
@@ -51,8 +51,8 @@ impl ImageTemplate {
     }
 }
 
-/// Returns the advice on writing models of several images of a file to one folder. Returns an empty text if no image is
-/// chosen.
+/// Returns the part of a message that advises how to write the models of several images of one file to one folder;
+/// empty if no image is chosen.
 pub(super) fn advice_on_images(image: ImageChoice) -> String {
     let template = match (image.channel, image.time) {
         (None, None) => return String::new(),
@@ -63,7 +63,7 @@ pub(super) fn advice_on_images(image: ImageChoice) -> String {
     format!("; to write several channels or times to one folder, give --skip-existing --name-template '{template}'")
 }
 
-/// Returns the error for a label whose model has the same path as a model of the volume `first`.
+/// Returns the error for a label whose model would have the same path as a model made from the volume `first`.
 pub(super) fn same_name(record: &FileRecord, model: &Path, first: &Path, volume: &Path) -> anyhow::Error {
     let files: [PathBuf; 2] = [first.to_owned(), volume.to_owned()];
     let remedy = match NameTemplate::distinguishing(&files) {

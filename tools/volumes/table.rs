@@ -12,7 +12,7 @@ use spharm::shape::{Descriptors, Measures};
 use spharm_cli::inputs::read_text;
 use spharm_cohort::cell;
 
-/// Maximum size in bytes of a table written by an earlier call.
+/// Maximum size, in bytes, of a table from an earlier call that is read.
 const LARGEST: u64 = 1 << 30;
 
 /// A row of the table: a label, or a volume that couldn't be read.
@@ -38,7 +38,7 @@ impl Row {
 /// Outcome of a label.
 #[derive(Clone)]
 pub(super) enum Outcome {
-    /// The model was made by this call, or by an earlier one.
+    /// A model, made by this call or by an earlier call.
     Model(Box<Model>),
     /// No model was made; the text is the reason.
     Failed(String),
@@ -62,7 +62,7 @@ pub(super) struct Model {
     pub(super) repair: String,
     /// Whether handles were cut.
     pub(super) cut: bool,
-    /// Warning that the model resolves the steps between voxels; `None` if it doesn't.
+    /// Warning that the model resolves the steps between voxels; `None` if the model doesn't resolve them.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
     /// Root mean square distance of the model from the surface's vertices.
@@ -70,7 +70,7 @@ pub(super) struct Model {
     pub(super) descriptors: Descriptors,
 }
 
-/// Columns that precede the columns of the image and of the powers.
+/// Columns that precede the columns for the image (channel and time) and for the powers of the degrees.
 const COLUMNS: [&str; 16] = [
     "file",
     "label",
@@ -107,8 +107,8 @@ pub(super) fn lines(rows: &[Row], image: ImageChoice, max_degree: usize) -> Stri
     std::iter::once(head(image, max_degree) + "\n").chain(lines).collect()
 }
 
-/// Returns a table as JSON: an object per row with numbers as numbers, null for cells without a value, and the powers
-/// as one list.
+/// Converts a table to JSON: one object per row, in which numeric cells are numbers, cells without a value are null,
+/// and the powers are one list.
 pub(super) fn to_json(table: &str) -> Vec<Value> {
     let mut lines = table.lines().map(|line| line.split('\t'));
     let head: Vec<&str> = lines.next().into_iter().flatten().collect();
@@ -166,7 +166,7 @@ fn head(image: ImageChoice, max_degree: usize) -> String {
     names.map(str::to_owned).chain(powers).collect::<Vec<String>>().join("\t")
 }
 
-/// Returns whether a table was written by a call that made no model, so that replacing it loses no results.
+/// Returns whether a file is a table written by this verb without any model, so that replacing it loses no results.
 pub(super) fn is_without_models(table: &Path) -> bool {
     let text = if table.is_file() { read(table).unwrap_or_default() } else { String::new() };
     text.starts_with("file\tlabel\tstate\t") && !has_models(&text)
@@ -177,7 +177,7 @@ fn read(table: &Path) -> Result<String> {
     of_file(table, read_text(table, "table", LARGEST)?)
 }
 
-/// Reads the table of an earlier call, which must have the same columns.
+/// Reads the table that an earlier call wrote, which must have the columns that this call writes.
 pub(super) fn earlier(table: &Path, image: ImageChoice, max_degree: Option<usize>) -> Result<String> {
     let text = read(table)?;
     let powers = powers(&text);

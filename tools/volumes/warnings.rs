@@ -1,5 +1,5 @@
-//! Warns about models in a table: models of labels that may be cut off, models with a doubtful volume, and models of an
-//! earlier run.
+//! Warns about models in a table: models of labels that may be cut off, models with a doubtful volume, and models from
+//! an earlier run.
 
 use std::collections::HashSet;
 use std::ffi::OsString;
@@ -12,19 +12,18 @@ use super::table::{Outcome, Row};
 
 /// Largest number of labels and models named in a warning.
 const NAMED: usize = 3;
-/// A warning is given if cutting handles changes a model's volume by more than this share.
+/// Largest relative change of a model's volume, caused by cutting handles, that gives no warning.
 const CUT: f64 = 0.05;
-/// A warning is given if a model's volume has a larger relative error than this, although the label was neither
-/// repaired nor cut.
+/// Largest relative error of the volume of a model that gives no warning, if the label was neither repaired nor cut.
 const INEXACT: f64 = 0.02;
 
-/// Returns a warning about the models of labels at the border of their volume; `None` if there are none.
+/// Returns a warning about models of labels that touch the border of their volume; `None` if no label touches it.
 pub(super) fn cut_off(rows: &[Row]) -> Option<String> {
     let at_border = |row: &&Row| row.border == Some(true) && matches!(row.outcome, Outcome::Model(_));
     warning_of_cut(&rows.iter().filter(at_border).map(Row::name).collect::<Vec<_>>())
 }
 
-/// Returns a warning about labels that may be cut off, which names the first few of them.
+/// Returns a warning that names the first few of the labels that may be cut off.
 fn warning_of_cut(labels: &[String]) -> Option<String> {
     const REMEDY: &str = "--skip-border leaves out such labels";
     match labels {
@@ -49,8 +48,8 @@ pub(super) fn of_volumes(rows: &[Row]) -> Vec<String> {
         let change = model.measures.volume.abs() / label - 1.0;
         if model.cut && change.abs() > CUT {
             warnings.push(format!(
-                "{}: the model has a volume of {}, but before its handles were cut, the label's surface had one of {} \
-                 ({:+.1} %)",
+                "{}: the model has a volume of {}, but before its handles were cut, the label's surface had a volume \
+                 of {} ({:+.1} %)",
                 row.name(),
                 number(model.measures.volume),
                 number(label),

@@ -15,7 +15,7 @@ use spharm_cli::output::{counted, is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
 
-/// Opens the state file of an alignment, and reports the part of the alignment that is already done.
+/// Opens the state file of an alignment, and prints how much of the alignment an earlier run has finished.
 pub(super) fn journal(
     path: &Path,
     members: &[Coefficients],
@@ -40,7 +40,8 @@ pub(super) struct Again {
 }
 
 impl Again {
-    /// Creates the rules from the path of the state file of an earlier run, if `--resume` is given, and from `--force`.
+    /// Creates the rules from `force` and from `state`, the path of the state file, which is given if `--resume` is
+    /// used.
     pub(super) fn new(state: Option<&Path>, force: bool) -> Self {
         Self { resumed: state.is_some_and(Path::exists), force }
     }
@@ -71,8 +72,8 @@ impl Again {
         Ok(write_new(path, self.force, |out| out.write_all(text.as_bytes()))?)
     }
 
-    /// Returns whether the report may replace an existing one. A resumed run may replace a report of the same models,
-    /// because only the times in the report differ.
+    /// Returns whether the report may replace an existing one. A resumed run may replace a report on the same models,
+    /// because the two reports differ only in the recorded times.
     pub(super) fn replaces_report(self, path: Option<&Path>, models: &Value) -> bool {
         let Some(path) = path.filter(|path| self.resumed && !is_stdout(path)) else { return self.force };
         let there =
@@ -81,7 +82,7 @@ impl Again {
     }
 }
 
-/// Refuses an existing file whose bytes differ from the result.
+/// Refuses an existing file at `path` if its contents differ from `bytes`, the result of this run.
 fn same(path: &Path, bytes: &[u8]) -> Result<()> {
     if !spharm_files::read(path, bytes.len() as u64).is_ok_and(|found| found == bytes) {
         bail!(

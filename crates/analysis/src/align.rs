@@ -173,7 +173,7 @@ impl Cli {
     }
 }
 
-/// Result of the alignment: transforms, and distances from the target or the mean, before and after.
+/// Transforms, and distances from the target or the mean before and after the alignment.
 struct Found {
     transforms: Vec<Transform>,
     distances: Vec<[f64; 2]>,
@@ -372,7 +372,7 @@ fn together(
         warning.naming(|member| name(&paths[member]))
     };
     let mut own: Vec<String> = report.warnings.iter().map(|of| named(of, &|path: &Path| shown(path))).collect();
-    // The named warnings omit sizes, because the quality control of a study compares the sizes itself.
+    // The named warnings omit units, because the quality control of a study compares the sizes itself.
     let of_poses = report.warnings.iter().filter(|warning| !matches!(warning, ProcrustesWarning::Unit(_)));
     let named_warnings = of_poses.map(|warning| named(warning, &model_name));
     let axes: Vec<_> = models.iter().map(|model| model.provenance.axes()).collect();

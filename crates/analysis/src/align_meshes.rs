@@ -34,7 +34,8 @@ pub(super) struct Asked<'a> {
     pub(super) resources: &'a Resources,
 }
 
-/// Rigid motions and scales of the meshes, and the meshes' distances before and after the alignment.
+/// Rigid motions and scales of the meshes, and each mesh's distance from the target or from the other meshes, before
+/// and after the alignment.
 struct Found {
     motions: Vec<Similarity>,
     distances: Vec<[Option<f64>; 2]>,
@@ -46,7 +47,7 @@ struct Found {
 ///
 /// # Errors
 ///
-/// If the files include both kinds, or coefficients of another package.
+/// If the files include both models and meshes, or coefficients of another package.
 pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Result<bool> {
     let is_model = |path: &Path| {
         let name = path.to_string_lossy().to_ascii_lowercase();
@@ -79,7 +80,7 @@ fn are_coefficients(path: &Path) -> bool {
     [Format::Pdm, Format::Mat].iter().flat_map(|format| format.endings()).any(|ending| name.ends_with(ending))
 }
 
-/// Runs `shape align` of meshes.
+/// Runs `shape align` for meshes.
 pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let targets = outputs(asked)?;

@@ -18,7 +18,7 @@ use spharm_surface::Sphere;
 
 use super::plan::Plan;
 
-/// The models that a subcommand works on.
+/// The models that a subcommand of `shape` reads.
 #[derive(Debug, Args)]
 pub(super) struct Models {
     /// Models, as `spharm fit` writes them
@@ -167,7 +167,8 @@ pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Re
     }
 }
 
-/// Reads many models on all threads, and returns the results of `take` in the order of the paths.
+/// Reads models on all threads and calls `take` with each model and its path. Returns the results of `take` in the
+/// order of the paths.
 pub(super) fn read_all<T: Send>(
     paths: &[PathBuf],
     monitor: &dyn Monitor,

@@ -1,4 +1,4 @@
-//! `shape carry`: carries landmarks of one member of a group to others.
+//! `shape carry`: carries landmarks from one member of a group to other members.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -85,7 +85,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
     check_files([cli.landmarks.as_path()], written, cli.report.force)?;
-    // Hold only one target in memory in addition to the source, because a group may have any number of members.
+    // Hold only the source and one target in memory at a time, because a group may have any number of members.
     let first = files.members(&[source])?;
     let surface = Mesh::new(first.places[0].clone(), first.template.sphere.faces.clone());
     let own = first.similarities[0].inverse().apply_mesh(&surface);

@@ -88,7 +88,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let plan = Plan::new("cluster", &paths, cli.resources.both())?;
     let count = paths.len() as u64;
     let numbers = count * ((1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
-    // Memory for the descriptors, and for two copies of the distances between all pairs of models.
+    // Memory for the descriptors, and for two arrays of the distances between all pairs of models.
     let needed = plan.one().saturating_mul(plan.threads as u64).saturating_add(40 * numbers + 8 * count * count);
     plan.check(needed, [])?;
     let pool = cli.resources.threads.pool()?;

@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let targets = outputs(&cli.models, &paths, &cli.output, "sphz")?;
     check(targets.iter().map(|path| OutputFile::with_ending(path, "--output", &[".sphz"])), &cli.report)?;
     let plan = Plan::new("compress", &paths, cli.resources.both())?;
-    // Memory for two models, and for measuring the distance on a grid by transforms.
+    // Memory for two models, and for the spherical transforms that measure the distance on a grid.
     plan.check(plan.one().saturating_mul(2).saturating_add(measure_bytes(plan.group.max_degree)), [])?;
     let pool = cli.resources.threads.pool()?;
     let mut params = CompressParams::new(cli.target.target());

@@ -68,7 +68,7 @@ pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<De
     descriptors(&coefficients).with_context(|| path.display().to_string())
 }
 
-/// Returns the lowest degree of the models, up to which they are compared. Also returns a warning if some models have a
+/// Returns the lowest of the models' degrees, up to which the models are compared, and a warning if some models have a
 /// higher degree.
 pub(super) fn common_degree<'a>(models: impl IntoIterator<Item = &'a Descriptors>) -> (usize, Option<String>) {
     let degrees: Vec<usize> = models.into_iter().map(Descriptors::max_degree).collect();

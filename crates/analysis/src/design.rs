@@ -7,11 +7,11 @@ use spharm::shape::stats::{Column, Question, Term, mean_question, question};
 
 use super::table::{Subjects, column_of, no_number};
 
-/// Hypothesis to test on a table of subjects.
+/// A hypothesis to test, stated in terms of the columns of a table of subjects.
 pub struct Asked<'a> {
     /// Name of the column to test, or of an interaction of two columns, `a:b`; `None` tests the mean.
     pub effect: Option<&'a str>,
-    /// Order of the effect's levels; empty for the sorted order.
+    /// Names of the effect's levels in the order to use; empty for the sorted order.
     pub levels: &'a [String],
     /// Linear combinations of the design's columns that replace the effect's own contrast.
     pub contrast: &'a [String],
@@ -19,10 +19,11 @@ pub struct Asked<'a> {
     pub covariates: &'a [String],
     /// Names of columns whose numbers are codes of levels rather than quantities.
     pub categorical: &'a [String],
-    /// Name of the column of exchangeability blocks. If it is also a covariate, its values are levels even if they are
-    /// numbers.
+    /// Name of the column of exchangeability blocks. If this column is also a covariate, its cells are treated as
+    /// levels even if they are numbers.
     pub blocks: Option<&'a str>,
-    /// Whether the tested values are relative to the mean of all subjects. The mean of such values can't be tested.
+    /// Whether the tested values are relative to the mean of all subjects. The mean of such values is always zero, so
+    /// it can't be tested.
     pub relative: bool,
 }
 

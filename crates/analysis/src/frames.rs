@@ -73,7 +73,7 @@ pub(super) fn read(path: &Path, names: &[String]) -> Result<Vec<Similarity>> {
     let found = found.with_context(expected)?;
     let one = |name: &String| match found.iter().find(|(of, _)| of == name) {
         Some((_, similarity)) => Ok(*similarity),
-        None => bail!("{shown}: no transform of {name}"),
+        None => bail!("{shown}: found no transform for {name}"),
     };
     names.iter().map(one).collect()
 }
@@ -107,7 +107,7 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             let found = read(&path, &["b".to_owned()]).unwrap();
             assert_eq!(found[0].apply([1.0, 0.0, 3.0]), [1.0, 2.0, 6.0]);
-            assert!(read(&path, &["a".to_owned()]).unwrap_err().to_string().contains("no transform of a"));
+            assert!(read(&path, &["a".to_owned()]).unwrap_err().to_string().contains("found no transform for a"));
         }
         std::fs::write(&path, "{\"a\": 1}").unwrap();
         assert!(read(&path, &[]).unwrap_err().to_string().contains("found other JSON"));

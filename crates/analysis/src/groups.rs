@@ -18,7 +18,7 @@ use spharm_surface::{AxesDiffer, Hemisphere};
 
 use super::args::read_all;
 
-/// Returns warnings about models that occur more than once.
+/// Returns warnings about models that occur more than once in a group.
 pub(super) fn equal_models(
     members: &[Coefficients],
     paths: &[PathBuf],
@@ -39,7 +39,7 @@ pub(super) fn axes_differ(
     AxesDiffer::of(stated).map(|axes| axes.with_names(|member| name(&paths[member])))
 }
 
-/// A group of models, all of the same degree.
+/// A group of models, cut to a common degree.
 pub(super) struct Group {
     /// Names of the members: their file names without extensions.
     pub(super) names: Vec<String>,
@@ -115,7 +115,7 @@ fn side_of(model: &spharm::Model, path: &Path) -> Option<Hemisphere> {
     model.hemisphere(Some(Path::new(if of_files == Hemisphere::Left { "lh" } else { "rh" })))
 }
 
-/// Returns the distances of centred surfaces from their mean, without alignment.
+/// Returns the distance of each surface from the group's mean, after centring the surfaces but without rotating them.
 pub(super) fn distances_from_mean(members: &[Coefficients], degree: usize) -> Result<Vec<f64>> {
     let centred = members.iter().map(|member| {
         let mut values = member.up_to(degree).to_owned();

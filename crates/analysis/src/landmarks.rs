@@ -16,16 +16,16 @@ use spharm_surface::io::landmarks::{Landmarks, unit_factor, unit_hint};
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
-/// Extensions of landmark files. An extension that is the end of a longer one (`.json`) comes after the longer one
-/// (`.mrk.json`).
+/// Extensions of landmark files. An extension such as `.json` comes after a longer extension that ends with it, such as
+/// `.mrk.json`.
 const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
-/// A warning is given if a landmark's distance from its surface exceeds this fraction of the surface's extent.
+/// Largest distance of a landmark from its surface, as a fraction of the surface's extent, that gives no warning.
 const OFF: f64 = 0.05;
 
 /// Corresponding landmarks of all models.
 pub(super) struct Marks {
     pub(super) names: Vec<String>,
-    /// Positions in the models' frames: for each model, a position for each name.
+    /// Positions in the models' frames: for each model, one position per landmark name.
     pub(super) points: Vec<Vec<Vec3>>,
     pub(super) warnings: Vec<String>,
 }
@@ -163,7 +163,7 @@ fn files(named: &[PathBuf], models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let named = expand_lists(named)?;
     if named.len() != models.len() {
         bail!(
-            "--landmarks: expected a folder, or a file for each of {} models, found {} files",
+            "--landmarks: expected a folder, or a file for each of the {} models, found {} files",
             models.len(),
             named.len()
         );
@@ -177,7 +177,7 @@ fn in_folder(folder: &Path, model: &Path) -> Result<PathBuf> {
     match found {
         Some(path) => Ok(path),
         None => bail!(
-            "{}: no landmarks of {name}: expected a file {name} with one of the extensions {}",
+            "{}: no landmarks for {name}: expected a file named {name}, with one of the extensions {}",
             folder.display(),
             ENDINGS.join(", ")
         ),

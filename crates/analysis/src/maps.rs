@@ -23,7 +23,7 @@ const MAPS: [Map; 5] = [
     ("area-element", |point| point.area_element),
 ];
 
-/// Columns of the table of all quantities.
+/// Columns of the table that has all quantities.
 const COLUMNS: [&str; 16] = [
     "ux",
     "uy",
@@ -45,7 +45,7 @@ const COLUMNS: [&str; 16] = [
 
 /// Files of a model's maps.
 pub(super) struct Maps {
-    /// Output folder joined with the model's name.
+    /// Path of the model's maps without extension: the output folder, then the model's name.
     stem: PathBuf,
     format: String,
     force: bool,
@@ -109,7 +109,7 @@ impl Maps {
 }
 
 /// Returns the values shown in the first and the last colour: the 2nd and the 98th percentile, so that a few extreme
-/// values don't use up the range of colours.
+/// values don't compress all other values into a few colours.
 fn range(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -11,7 +11,7 @@ use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
 use spharm_surface::{Sphere, SurfaceError};
 
-/// Combination of several masks of the vertices of a sampling.
+/// Intersection of several masks on the vertices of a sampling.
 pub(super) struct Masks {
     /// Whether each vertex is within all masks; `None` without masks.
     pub(super) kept: Option<Vec<bool>>,
@@ -46,8 +46,8 @@ pub(super) fn is_group(path: &Path) -> bool {
 }
 
 /// Returns, for each direction of a sphere, whether it is kept. If the mask is a group, the sphere may be any sphere.
-/// All other masks are read by [`read_file`]. For labels and annotations of FreeSurfer, the sphere must be read from
-/// the file of their own sphere.
+/// All other masks are read by [`read_file`]. FreeSurfer labels and annotations are accepted only with the sphere to
+/// which they belong, read from its file.
 pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     if is_group(path) {

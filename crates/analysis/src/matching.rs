@@ -82,8 +82,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("match", &among, cli.resources.both())?;
-    // Memory for the descriptors in three forms (as read, at a common degree, in the library), and for one alignment
-    // per thread.
+    // Memory for three copies of the descriptors (as read, at a common degree, and in the library), and for one
+    // alignment per thread.
     let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());
     plan.check(aligning.saturating_mul(plan.threads as u64) + 40 * numbers, [])?;
@@ -160,7 +160,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("match", &report, &rows, &cli.report)
 }
 
-/// Returns a model's coefficients, scaled to size 1 if `unit_size`.
+/// Returns a model's coefficients, scaled to size 1 if `unit_size` is true.
 fn pose_of(model: &Coefficients, unit_size: bool) -> Result<Coefficients> {
     if !unit_size {
         return Ok(model.clone());

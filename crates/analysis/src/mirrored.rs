@@ -22,7 +22,7 @@ pub(super) fn among(named: &[PathBuf], paths: &[PathBuf], what: &str) -> Result<
     Ok(found)
 }
 
-/// Flags for each model of a group: true if the model is mirrored.
+/// For each model of a group, whether the model is mirrored.
 pub(super) struct Mirrored(Vec<bool>);
 
 impl Mirrored {
@@ -35,7 +35,7 @@ impl Mirrored {
         among(&files(named)?, paths, "models").map(Self)
     }
 
-    /// Mirrors the models whose flag is true.
+    /// Mirrors the models that are marked as mirrored.
     pub(super) fn apply(&self, models: &mut [Model], monitor: &ConsoleMonitor) -> Result<()> {
         for (model, _) in models.iter_mut().zip(&self.0).filter(|(_, mirrored)| **mirrored) {
             *model = Transform::reflection().apply_model(model, monitor)?;

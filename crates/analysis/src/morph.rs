@@ -28,8 +28,8 @@ use spharm_cli::models::cut_handles;
 ///
 /// The first model is aligned to the second, and shapes between the two are interpolated linearly. With --keep-pose,
 /// the sequence of shapes begins at the first model's pose in space and ends at the second model's pose. Otherwise, all
-/// shapes are in the second model's pose. --force also removes files of an earlier sequence that aren't replaced, such
-/// as step3.ply.
+/// shapes are in the second model's pose. --force also removes files from an earlier sequence that aren't replaced,
+/// such as step3.ply.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -48,8 +48,8 @@ pub(super) struct Cli {
     /// Number of shapes, both ends included
     #[arg(long, value_name = "N", default_value_t = 11, value_parser = clap::value_parser!(u16).range(2..=1000), help_heading = METHOD)]
     steps: u16,
-    /// Method of aligning the first model to the second [default: fixed for two members of a group of
-    /// `shape correspond`, without --mirror; otherwise joint]
+    /// Method of aligning the first model to the second [default: fixed for two members of a group made by `shape
+    /// correspond`, without --mirror; otherwise joint]
     #[arg(long, value_enum, help_heading = METHOD)]
     method: Option<How>,
     /// Begin in the first model's pose
@@ -107,7 +107,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     stale.retain(|path| !same_place(path, &cli.from) && !same_place(path, &cli.to));
     if let Some(path) = stale.first().filter(|_| !cli.report.force) {
         bail!(
-            "{}: this file of an earlier sequence would remain among the new files; choose another folder, or give \
+            "{}: this file from an earlier sequence would remain among the new files; choose another folder, or give \
              --force to remove such files",
             path.display()
         );
@@ -203,7 +203,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("morph", &report, &[vec![line]], &cli.report)
 }
 
-/// Returns the files of an earlier sequence of shapes in a folder that aren't among the new `files`, sorted.
+/// Returns the files in a folder that an earlier sequence of shapes left and that aren't among the new `files`, sorted.
 fn stale(folder: &Path, format: &str, files: &[PathBuf]) -> Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());

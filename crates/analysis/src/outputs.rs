@@ -1,4 +1,5 @@
-//! Names and writes results: a file for one model or a folder for several models, tables, and reports.
+//! Names and writes the results of a subcommand: its models (one file, or a folder for several models), its tables and
+//! its report.
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -34,7 +35,7 @@ pub(super) fn check_folder(output: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Refuses, before any work, outputs that couldn't be written at the end.
+/// Refuses outputs that can't be written, before the models are read.
 pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report: &'a ReportArgs) -> Result<()> {
     let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(files.into_iter().chain(of_report), report.force)
@@ -84,7 +85,7 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
     text
 }
 
-/// Extensions of the names of tables.
+/// Extensions that the names of table files may have.
 pub(super) const TABLES: [&str; 2] = [".csv", ".tsv"];
 
 /// Returns the text of a table for a file: with tabs if its name ends in .tsv, otherwise CSV.

@@ -13,14 +13,14 @@ use spharm_surface::Sphere;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::bytes_to_read;
 
-/// Models that are about to be read, and the memory budget for them.
+/// The models that a subcommand is about to read, and its memory budget.
 pub(super) struct Plan {
     subcommand: &'static str,
     pub(super) budget: Budget,
     pub(super) threads: usize,
     /// Sizes of the group, taken from its largest file.
     pub(super) group: GroupSizes,
-    /// Numbers of vertices and triangles of the largest file's own sphere.
+    /// Numbers of vertices and triangles of the sphere in the largest file.
     own: [u64; 2],
     /// Total size of the files in bytes.
     files: u64,
@@ -61,18 +61,18 @@ impl Plan {
         icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
     }
 
-    /// Returns the bytes needed to read models one after another, keeping only one.
+    /// Returns the memory, in bytes, needed to read models one after another with only one in memory at a time.
     pub(super) fn one(&self) -> u64 {
         self.largest
     }
 
-    /// Returns the bytes needed to read the whole group on all threads and keep the coefficients.
+    /// Returns the memory, in bytes, needed to read the whole group on all threads and keep only the coefficients.
     pub(super) fn coefficients(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.group.coefficients().saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Returns the bytes needed to read the whole group on all threads and keep the complete models.
+    /// Returns the memory, in bytes, needed to read the whole group on all threads and keep the complete models.
     pub(super) fn whole(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.files.saturating_add(self.largest.saturating_mul(readers))
@@ -86,7 +86,7 @@ impl Plan {
         self.budget.check_or(what, needed, others)
     }
 
-    /// Reports the plan before the work begins.
+    /// Prints the plan before the work begins.
     pub(super) fn note(&self, needed: u64, console: &Console) {
         let GroupSizes { models, max_degree, .. } = self.group;
         let (needed, budget) = (needed.div_ceil(1 << 20), self.budget.work() >> 20);
@@ -111,7 +111,7 @@ fn counts(sphere: &Sphere) -> [u64; 2] {
     [sphere.directions.len() as u64, sphere.faces.len() as u64]
 }
 
-/// Refuses files that are read one after another if the largest of them doesn't fit into memory.
+/// Refuses files that are read one after another if one of them doesn't fit into memory.
 pub(super) fn check_each(subcommand: &str, paths: &[PathBuf], budget: Budget) -> Result<()> {
     paths.iter().try_for_each(|path| budget.check_inputs(&format!("shape {subcommand}"), [Path::new(path)]))
 }

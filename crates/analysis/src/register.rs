@@ -1,4 +1,4 @@
-//! `shape register`: moves a template's mesh onto surfaces.
+//! `shape register`: moves the vertices of a template mesh onto surfaces.
 
 use std::path::PathBuf;
 use std::time::Instant;

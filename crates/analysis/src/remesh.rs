@@ -23,12 +23,12 @@ use super::outputs::{check, check_folder, finish, outputs};
 use super::plan::Plan;
 use spharm_cli::models::cut_handles;
 
-/// Number of integration steps with which vertices are moved. The integration error is far below the resolution of a
+/// Number of steps of the integration that moves the vertices. The integration error is far below the resolution of a
 /// mesh.
 const STEPS: usize = 16;
 
-/// Without `--icosphere`, `--even` warns if the remaining spread of the triangles' areas exceeds both `UNEVEN` and this
-/// fraction of the spread before.
+/// Without `--icosphere`, `--even` gives a warning if the spread of the triangles' areas afterwards exceeds both
+/// `UNEVEN` and this fraction of the original spread.
 const LITTLE: f64 = 0.8;
 /// Largest spread of the triangles' areas that never causes a warning; see [`LITTLE`].
 const UNEVEN: f64 = 0.2;
@@ -88,7 +88,7 @@ struct Degree {
 }
 
 impl Degree {
-    /// Returns the degrees up to which a model is evaluated, one for each mesh.
+    /// Returns the degrees up to which a model is evaluated, one for each mesh to write.
     fn of(&self, model: &Model, path: &Path) -> Result<Vec<usize>> {
         let highest = model.coefficients.max_degree();
         if let Some(tolerance) = self.tolerance {

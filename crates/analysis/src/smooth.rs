@@ -63,7 +63,8 @@ struct Width {
 impl Width {
     fn kernel(&self) -> Result<HeatKernel> {
         match self.fwhm {
-            // The message is in degrees, the unit of the argument; the kernel's own message is in radians.
+            // State the width in degrees, the unit of the argument, because the kernel's own error states it in
+            // radians.
             Some(degrees) if !(0.0..=WIDEST).contains(&degrees) => {
                 bail!("--fwhm: expected a width from 0 to {WIDEST} degrees of arc, found {degrees} degrees")
             }

@@ -25,7 +25,7 @@ pub trait Subjects {
     /// If there is no such column, or a cell has no value.
     fn cells(&self, column: &str) -> Result<Vec<&str>>;
 
-    /// Returns the name of the table and the number of a row, for error messages.
+    /// Returns the name of the table and the number of the row with index `row`, for error messages.
     fn place(&self, row: usize) -> String;
 }
 
@@ -160,7 +160,7 @@ impl Table {
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
-    /// Returns the cells of a column, all of which differ.
+    /// Returns the cells of a column in which no two cells are equal.
     ///
     /// # Errors
     ///
@@ -221,7 +221,7 @@ pub fn finite(cell: &str) -> Option<f64> {
 ///
 /// # Errors
 ///
-/// The index of the row with this cell.
+/// Returns the index of the row whose cell isn't a number.
 pub fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| finite(cell).is_some();
     // Numbers with a decimal comma, such as 30,5, are meant as numbers rather than levels.
@@ -276,7 +276,7 @@ pub fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
         let row = row(model)?;
         if let Some(other) = taken.insert(row, model) {
             bail!(
-                "{} and {} match the same row of the table; write the models' paths in it",
+                "{} and {} match the same row of the table; write the models' paths in the table",
                 other.display(),
                 model.display()
             );

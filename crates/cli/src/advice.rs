@@ -1,4 +1,4 @@
-//! Advice on errors of the library, in terms of this program's flags.
+//! Gives advice on errors of the library, in terms of this program's flags.
 //!
 //! The library's errors state the problem, and their fields hold its details. Only this module knows which flag
 //! remedies an error. The advice is appended to the line with the error message.
@@ -24,8 +24,8 @@ pub use fit::of_oscillation;
 
 use crate::output::STDOUT;
 
-/// Returns the advice on `error`, or else on the first of its sources for which there is advice; `None` if there is no
-/// advice.
+/// Returns the advice on `error` or, if there is none, on the first error in its chain of sources that has advice;
+/// `None` if there is no advice.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     std::iter::successors(Some(error), |&error| error.source()).find_map(|cause| {
         let surface = cause.downcast_ref().and_then(of_surface);
@@ -130,7 +130,7 @@ fn of_store(error: &StoreError) -> Option<String> {
             )
         }
         StoreError::Space { what, needed, free, .. } => of_space(what, needed > free),
-        StoreError::Layout { .. } => "choose another --chunk-rows".to_owned(),
+        StoreError::Layout { .. } => "choose another value for --chunk-rows".to_owned(),
         StoreError::NotAFile { .. }
         | StoreError::Corrupt { .. }
         | StoreError::ChunkDamaged { .. }
@@ -187,7 +187,8 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::UnderdeterminedWithPenalty { needed, .. } => {
             Some(format!("set a {needed} penalty with --smoothness LAMBDA"))
         }
-        // Only the computation of a factor for a store returns this error. A fit uses a shifted factor instead.
+        // Only the computation of a factor for a store returns this error; a fit uses a shifted factor instead of
+        // failing.
         SolverError::NotPositiveDefinite { .. } => {
             Some("set a lower degree with --factor L, or a penalty with --smoothness LAMBDA".to_owned())
         }
@@ -255,7 +256,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     }
 }
 
-/// Returns the advice to replace a mesh that a repair can't close.
+/// Returns the advice for a mesh that a repair can't close: to replace it by a wrap.
 fn of_wrap() -> String {
     format!("--wrap {USUAL_VOXELS} replaces the mesh by the closed surface around it")
 }
@@ -274,7 +275,7 @@ fn of_moments(error: &MomentsError) -> Option<String> {
             "give the position columns with --angles, --lonlat or --vectors, and the value columns with --values"
                 .to_owned(),
         ),
-        // Chunks of rows alone exceed the budget, at any degree, so a lower degree doesn't help.
+        // The chunks of rows alone exceed the budget at any degree, so a lower degree wouldn't help.
         MomentsError::Memory { budget, .. } if *budget < accumulate::bytes(0, 1) => {
             Some("set a larger budget with --memory SIZE".to_owned())
         }

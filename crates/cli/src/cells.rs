@@ -1,11 +1,12 @@
-//! Checks the numbers of cells in the rows of tables.
+//! Checks that the rows of a table have the expected number of cells.
 
 use anyhow::{Result, bail};
 use csv::StringRecord;
 use spharm_cohort::{line_of_record, wrong_cells};
 
-/// Checks that a record of a table has as many cells as expected from the header. The error states the line number of
-/// the record. `text` is the text of the table. `comments` states whether lines that begin with `#` are skipped.
+/// Checks that a record (a row of a table) has `expected` cells, the number of cells in the header. The error states
+/// the line number of the record. `text` is the text of the table. `comments` states whether lines that begin with `#`
+/// are skipped.
 ///
 /// # Errors
 ///

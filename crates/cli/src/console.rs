@@ -21,10 +21,10 @@ use crate::size::Size;
 
 /// Minimum elapsed time before the time left is forecast; earlier forecasts would be unreliable.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
-/// Minimum percentage of the work that must be done before the time left is forecast.
+/// Percentage of the work that must be done before the time left is forecast.
 const FORECAST_FROM_PERCENT: u64 = 5;
 
-/// Prints notes, warnings and progress to stderr; the flags `--verbose` and `--quiet` determine which.
+/// Prints notes, warnings and progress to stderr, as far as the flags `--verbose` and `--quiet` allow.
 #[derive(Debug, Clone, Copy)]
 pub struct Console {
     verbose: bool,
@@ -43,7 +43,7 @@ fn is_json() -> bool {
     JSON_LINES.load(Ordering::Relaxed)
 }
 
-/// Kind of a line, which determines its prefix or its JSON `event`.
+/// Kind of a line, which determines the line's prefix or, in JSON, its `event`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Note,
@@ -134,14 +134,14 @@ impl Console {
         bar.set_style(style.progress_chars("=> "));
         bar.set_prefix(one_line(label).into_owned());
         if total == 0 {
-            // If the total is unknown, only a moving symbol shows that the work continues.
+            // If the total is unknown, an animated symbol shows that the work continues.
             bar.enable_steady_tick(Duration::from_millis(200));
         }
         Progress { bar: Some(bar), lines: None }
     }
 }
 
-/// Progress shown on the console. Dropping it removes its bar from a terminal.
+/// Progress of a task, shown on the console. When it is dropped, its bar disappears from the terminal.
 #[derive(Debug)]
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -236,7 +236,7 @@ fn percent(done: u64, total: u64) -> f64 {
     100.0 * done as f64 / total as f64
 }
 
-/// Forecast of the time left, printed as `, 12 s left`, or as nothing if there is no forecast.
+/// Forecast of the time left in seconds, printed as `, 12 s left`. Prints nothing if there is no forecast.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Forecast(Option<f64>);
 

@@ -25,7 +25,7 @@ const FAILURE: u8 = 1;
 /// Exit code of wrong usage; clap uses the same code.
 const USAGE: u8 = 2;
 
-/// The signals that ask a process to stop. On Windows SIGINT is Ctrl+C.
+/// Signals that ask a process to stop. On Windows, SIGINT is sent by Ctrl+C.
 const STOPS: &[i32] = &[
     SIGINT,
     SIGTERM,
@@ -35,8 +35,8 @@ const STOPS: &[i32] = &[
 
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
-/// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). Signals are handled
-/// from the first call on; a second signal ends the process immediately.
+/// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). The first call
+/// installs the signal handlers. A second signal ends the process immediately.
 pub fn cancel() -> &'static AtomicBool {
     &CANCEL
 }
@@ -58,8 +58,8 @@ fn listen() -> Arc<AtomicBool> {
     cancel
 }
 
-/// Returns whether a signal was ignored when this process started, as under `nohup` and for background jobs of shells.
-/// A signal that was ignored stays ignored.
+/// Returns whether a signal was already ignored when this process started, as it is under `nohup` and in background
+/// jobs of shells. Such a signal stays ignored.
 fn is_ignored(signal: i32) -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -89,8 +89,8 @@ pub fn run(work: impl FnOnce() -> anyhow::Result<()>, command: impl FnOnce() -> 
     if is_interrupted(&error) { INTERRUPTED } else { FAILURE }
 }
 
-/// Prints clap's message, which is an error about the arguments or the requested help, and returns the exit code.
-/// `tame` escapes control characters in arguments, which clap would quote verbatim.
+/// Prints clap's message, which is an error about the arguments or the requested help, and returns the exit code. If
+/// `tame` is set, control characters in arguments are escaped; clap would print them unchanged.
 pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
     // A failure to print is ignored: if stderr is closed, the failure can't be reported.
     let _ = if error.use_stderr() && tame {
@@ -105,8 +105,9 @@ pub fn wrong_usage(error: &clap::Error, tame: bool) -> u8 {
 /// Message of the first panic.
 static PANIC: Mutex<Option<String>> = Mutex::new(None);
 
-/// Runs work and converts a panic to an error. A panic is a defect, or a failure that the standard library doesn't
-/// return as an error, such as a failure to close a folder. With `RUST_BACKTRACE` the panic is also printed as usual.
+/// Runs work and converts a panic to an error. A panic is caused by a defect, or by a failure that the standard library
+/// doesn't return as an error, such as a failure to close a folder. With `RUST_BACKTRACE` the panic is also printed as
+/// usual.
 fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     PANIC.lock().unwrap_or_else(PoisonError::into_inner).take();
     let usual = std::panic::take_hook();
@@ -132,7 +133,7 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     })
 }
 
-/// Returns an error as one line, as the program shows it: the messages of the chain, then the advice.
+/// Returns an error as the program shows it, in one line: the messages of the error and its sources, then the advice.
 pub fn line_with_advice(error: &(dyn Error + 'static)) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     printable::one_line(&format!("{}{advice}", chained(error))).into_owned()
@@ -148,7 +149,7 @@ pub fn is_interrupted(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Returns whether the reader of stdout has closed the pipe, which isn't a failure of this program.
+/// Returns whether an error means that the reader of stdout has closed the pipe, which isn't a failure of this program.
 fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.root_cause().downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
         && error.downcast_ref::<crate::output::ToStdout>().is_some()

@@ -1,4 +1,4 @@
-//! Names and locations of files in FreeSurfer's folders of subjects.
+//! Gives the names and locations of files in FreeSurfer's subject folders.
 
 use std::path::{Path, PathBuf};
 
@@ -42,10 +42,10 @@ impl Hemi {
     }
 }
 
-/// Label of the vertices whose values are read by default.
+/// Name of the FreeSurfer label whose vertices' values are read by default.
 pub const CORTEX: &str = "cortex";
 
-/// Returns the path of a label in a subject's folder.
+/// Returns the path of a hemisphere's label file in a subject's folder.
 #[must_use]
 pub fn label_file(subject: &Path, hemi: Hemi, name: &str) -> PathBuf {
     subject.join("label").join(format!("{}.{name}.label", hemi.name()))

@@ -1,4 +1,4 @@
-//! Texts shared by the help of several verbs.
+//! Texts that the help of several verbs (subcommands) has in common.
 
 /// Help heading for inputs.
 pub const INPUT: &str = "Input";
@@ -11,15 +11,15 @@ pub const SOLVER: &str = "Solver";
 /// Help heading for settings of memory and threads.
 pub const RESOURCES: &str = "Resources";
 
-/// The formats of meshes, for `--help`.
+/// List of the supported mesh formats, for `--help`.
 pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, .stl, .vtk \
                           (legacy), .vtp, .glb, .3mf; read only: .vtu, .gltf, .wrl, SPHARM-PDM's .meta; each may be \
                           gzipped (.gz).";
-/// The formats of values on vertices, for `--help`.
+/// List of the supported formats of values on vertices, for `--help`.
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
                            .mgz), .csv and .tsv (one row per vertex, one column per channel).";
 
-/// The formats of label volumes, for `--help`.
+/// List of the supported formats of label volumes, for `--help`.
 pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \
                            OME-TIFF stacks (.tif, .tiff), arrays (.npy, axes xyz or --axes zyx, with --voxel-size).";
 

@@ -13,7 +13,8 @@ use crate::console::Console;
 ///
 /// # Errors
 ///
-/// The errors of [`spharm_surface::read_sphere`]; if `strict`, also an error for a centre that isn't the origin.
+/// The errors of [`spharm_surface::read_sphere`]; if `strict` is set, also an error if the sphere's centre isn't the
+/// origin.
 pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Sphere> {
     Ok(spharm_cohort::run::read_sphere(path, strict, &|text| console.warn(text))?)
 }
@@ -22,7 +23,7 @@ pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Spher
 ///
 /// # Errors
 ///
-/// The errors of [`spharm_surface::read_target`]; if `strict`, also the first warning as an error.
+/// The errors of [`spharm_surface::read_target`]; if `strict` is set, also the first warning, as an error.
 pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console) -> Result<Target> {
     let target = spharm_surface::read_target(path, sphere)?;
     for warning in &target.warnings {
@@ -35,7 +36,7 @@ pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console
     Ok(target)
 }
 
-/// Maximum size of a list of paths in bytes; enough for a million long paths.
+/// Maximum size in bytes of a file that lists paths; enough for a million long paths.
 const LONGEST_LIST: u64 = 1 << 28;
 
 /// Returns the paths with each `@list.txt` replaced by the paths that the file lists, one per line. Blank lines and
@@ -68,7 +69,7 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 /// Removes each path whose absolute form equals that of an earlier path, such as `./a.npy` after `a.npy`. Links aren't
-/// followed.
+/// resolved.
 pub fn keep_each_once(paths: &mut Vec<PathBuf>) {
     let mut seen = HashSet::new();
     paths.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
@@ -103,7 +104,7 @@ pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
     spharm_files::read_text(path, most).with_context(|| format!("{}: cannot read the {what}", path.display()))
 }
 
-/// Reads a JSON list of warnings, as other verbs write them.
+/// Reads a list of warnings from a JSON file that another verb has written.
 ///
 /// # Errors
 ///
@@ -113,7 +114,8 @@ pub fn read_warnings(path: &Path) -> Result<Vec<String>> {
     serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of strings", path.display()))
 }
 
-/// Returns the name of an input without folder and format, for display: `lh.pial.surf.gii` becomes `lh.pial`.
+/// Returns the name of an input without its folder and the extension of its format, for display: `lh.pial.surf.gii`
+/// becomes `lh.pial`.
 #[must_use]
 pub fn stem(path: &Path) -> String {
     file_stem(path).to_string_lossy().into_owned()

@@ -1,28 +1,28 @@
-//! The command line around the library: the code shared by the verbs (subcommands) of `spharm`.
+//! The code of the command line that the verbs (subcommands) of `spharm` share.
 //!
 //! All code that reads flags, prints, handles signals or ends the process is here or in the verbs; the library does
 //! none of this.
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`cells`] | number of cells in the rows of tables |
+//! | [`cells`] | check of the number of cells in the rows of tables |
 //! | [`freesurfer`] | names of files in FreeSurfer's folders |
 //! | [`models`] | the surface to which a model was fitted |
-//! | [`size`] | sizes as people write them: `512MiB` |
+//! | [`size`] | sizes in arguments, such as `512MiB` |
 //! | [`threads`] | the number of threads, and the pool |
 //! | [`console`] | notes, warnings and progress on stderr |
 //! | [`exit`] | exit codes and signals |
-//! | [`advice`] | the flag that remedies an error of the library |
+//! | [`advice`] | advice on errors of the library: which flags to change |
 //! | [`help`] | headings, formats and examples of the help texts |
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
-//! | [`surfaces`] | the surfaces named by arguments: files, and labels of volumes |
-//! | [`names`] | names of outputs, from each input's path alone |
-//! | [`printable`] | escaping text from outside before it is printed |
+//! | [`surfaces`] | the surfaces that arguments name: mesh files, and labels of volumes |
+//! | [`names`] | names of outputs, derived from each input's path alone |
+//! | [`printable`] | escaping of text from files and arguments before it is printed |
 //! | [`roles`] | roles of arguments: inputs and outputs |
 //! | [`values`] | numbers in arguments |
 //! | [`volumes`] | how to read volumes, and the surface of a label |
-//! | [`usage`] | errors of conflicting, missing or invalid arguments |
+//! | [`usage`] | errors for conflicting, missing or invalid arguments |
 //! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
 //! | [`machine`] | memory use, the limit on open files, versions |

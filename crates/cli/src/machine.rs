@@ -1,4 +1,4 @@
-//! Memory and limits of this process.
+//! Measures the memory of this process, and raises its limit on open files.
 
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use spharm::machine::process_status;
 pub struct Memory {
     /// Peak resident memory so far, including mapped files.
     pub peak_resident: Option<u64>,
-    /// Current anonymous memory: without mapped files, which the system can drop at any time.
+    /// Current anonymous memory, which excludes mapped files because the system can drop them at any time.
     pub anonymous: Option<u64>,
 }
 
@@ -27,7 +27,7 @@ pub fn raise_file_limit() {
     {
         use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
         let limit = getrlimit(Resource::Nofile);
-        // If this fails, the lower limit stays, and opening too many files reports an error.
+        // If this fails, the lower limit stays, and an error is reported when too many files are opened.
         let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
     }
 }

@@ -18,7 +18,8 @@ use crate::size::Size;
 /// Memory of the program itself in bytes: its code, its allocator, and the buffers of files.
 pub const PROGRAM: u64 = 20 << 20;
 
-/// Size of a thread's stack in bytes. Limits on the memory of a process include the whole stack, used or not.
+/// Size of a thread's stack in bytes. Limits on the memory of a process count the whole stack, whether it is used or
+/// not.
 const STACK: u64 = 2 << 20;
 
 /// Argument `--memory`.
@@ -33,7 +34,7 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// Returns the arguments that pass the budget on to another verb; none if no budget was given.
+    /// Returns the arguments that pass the budget on to another verb; no arguments if no budget was given.
     pub fn arguments(self) -> impl Iterator<Item = String> {
         self.memory.into_iter().flat_map(|Size(bytes)| ["--memory".to_owned(), bytes.to_string()])
     }
@@ -59,7 +60,7 @@ pub struct Budget {
     given: bool,
 }
 
-/// Error for work that doesn't fit into the memory budget, described in one line.
+/// Error for work that doesn't fit into the memory budget. Its message is one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct TooLarge {
     what: String,
@@ -108,8 +109,8 @@ impl Budget {
         self.check_or(what, needed, std::iter::empty())
     }
 
-    /// Checks that `needed` bytes fit into the budget. `others` are alternative settings with the bytes that each
-    /// needs; the error names the first one that fits.
+    /// Checks that `needed` bytes fit into the budget. `others` lists alternative settings and the number of bytes that
+    /// each needs. The error names the first setting that fits.
     ///
     /// # Errors
     ///
@@ -129,7 +130,7 @@ impl Budget {
         Err(TooLarge { what: what.to_string(), needed, bytes: self.bytes, given: self.given, nearest }.into())
     }
 
-    /// Checks, before files are read, that all of them fit into memory together.
+    /// Checks, before any of the files is read, that all of them together fit into the budget.
     ///
     /// # Errors
     ///

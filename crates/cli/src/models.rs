@@ -1,4 +1,4 @@
-//! The surfaces of models: the file to which a model was fitted, and whether the surface's handles were cut.
+//! Finds the file of the surface to which a model was fitted, and whether the surface's handles were cut.
 
 use std::path::{Path, PathBuf};
 
@@ -24,8 +24,8 @@ pub fn surface_file(model: &Model, path: &Path) -> Result<PathBuf, String> {
     }
 }
 
-/// Returns the path of the surface to which a model was fitted, or the reason why no such file exists. The file may
-/// have changed since the fit.
+/// Returns the path of the file of the surface to which a model was fitted, or the reason why there is no such file.
+/// The file may have changed since the fit.
 ///
 /// # Errors
 ///
@@ -37,7 +37,7 @@ pub fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String> {
         // The surface around a label of a volume is stored in a file next to the model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
         let missing =
-            || format!("the file is a volume, and its surface {} doesn't exist beside the model", shown(&beside));
+            || format!("the file is a volume, and its surface {} doesn't exist next to the model", shown(&beside));
         return if beside.exists() { Ok(beside) } else { Err(missing()) };
     }
     if input.is_file() { Ok(input.to_owned()) } else { Err("no such file".to_owned()) }

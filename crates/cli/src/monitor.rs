@@ -25,7 +25,7 @@ impl ConsoleMonitor {
         Self { console, cancel: crate::exit::cancel(), progress: Mutex::new(None) }
     }
 
-    /// Returns the console, for output other than progress.
+    /// Returns the console, so that the caller can print other output than progress.
     pub fn console(&self) -> &Console {
         &self.console
     }

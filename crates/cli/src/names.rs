@@ -1,8 +1,8 @@
-//! Names of outputs, derived from each input's path alone.
+//! Derives the names of outputs from each input's path alone.
 //!
-//! A name must not depend on the other inputs of a call: a cluster job with one subject and a call with all subjects
-//! have to write the same files. The name is therefore made from a template, and inputs for which the template gives
-//! equal names are refused.
+//! A name must not depend on the other inputs of a call, because a cluster job with one subject and a call with all
+//! subjects must write the same files. Names are therefore made from a template, and inputs for which the template
+//! gives equal names are refused.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -12,12 +12,13 @@ use anyhow::{Result, bail};
 use spharm_cohort::file_stem;
 use spharm_surface::io::is_named_mesh;
 
-/// Maximum number of folder levels above a file that a template may name.
+/// Largest number N in a placeholder `{parentN}`, which stands for the folder N levels above the file.
 const DEEPEST: usize = 9;
 
-/// A name with placeholders. `{stem}` is the input's name without folder and format, `{parent}` the folder that
-/// contains it, `{parent2}` the folder above that, and so on, with links resolved. `{label}` is a volume's label. For
-/// volumes, `.{label}` is appended to a template without this placeholder.
+/// A name with placeholders. `{stem}` is the input's name without its folder and the extension of its format,
+/// `{parent}` is the name of the folder that contains it, `{parent2}` is the name of the folder above that, and so on,
+/// with links resolved. `{label}` is a volume's label. For volumes, `.{label}` is appended to a template without this
+/// placeholder.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NameTemplate(Vec<Part>);
 
@@ -26,7 +27,7 @@ enum Part {
     Text(String),
     Stem,
     Label,
-    /// The folder at this number of levels above the file, from 1.
+    /// Name of the folder at this number of levels above the file; 1 is the folder that contains the file.
     Parent(usize),
 }
 
@@ -83,7 +84,7 @@ impl std::fmt::Display for NameTemplate {
 
 impl NameTemplate {
     /// Returns the name of an input (and of a label, if the input is a volume), for display. A placeholder for a folder
-    /// that the path doesn't have becomes empty.
+    /// that isn't in the path is replaced by nothing.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         self.file_name(input, label).to_string_lossy().into_owned()
@@ -105,7 +106,7 @@ impl NameTemplate {
         self.0.iter().map(part).chain(end).collect()
     }
 
-    /// Returns the output file of each input and label, made of `folder`, the name and `ending`.
+    /// Returns the path of the output file for each input and label, made from `folder`, the name and `ending`.
     ///
     /// # Errors
     ///
@@ -187,8 +188,8 @@ pub fn is_named_file(path: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// If `output` is a model's file but there are several surfaces, if it has the extension of another format, or if two
-/// surfaces would share a file.
+/// If `output` is a model's file but there are several surfaces, if `output` has the extension of another format, or if
+/// two surfaces would have the same file.
 pub fn model_files(
     output: Option<&Path>,
     template: &NameTemplate,

@@ -1,4 +1,4 @@
-//! Checks output files before any work; writes results to stdout and reports to files.
+//! Checks output files before any work is done, and writes results to stdout and reports to files.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -26,7 +26,7 @@ impl std::fmt::Display for ToStdout {
 ///
 /// # Errors
 ///
-/// If stdout can't be written to; a closed pipe ends the program without a message.
+/// If stdout can't be written to. If the reason is a closed pipe, the program ends without a message.
 pub fn print(text: &str) -> Result<()> {
     if MUTED.load(Ordering::Relaxed) > 0 {
         return Ok(());
@@ -153,8 +153,8 @@ impl<'a> OutputFile<'a> {
 }
 
 /// Refuses outputs that couldn't be written at the end of a verb's work: existing files (without `force`), folders,
-/// names that end in another format's extension, and two outputs of the same name. Called before any work; the writers
-/// check again.
+/// names that end in another format's extension, and two outputs with the same name. Verbs call this before any work;
+/// the functions that write the files check again.
 ///
 /// # Errors
 ///
@@ -175,8 +175,8 @@ pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, forc
     Ok(())
 }
 
-/// Returns the canonical path of a file, without links and dots. If the file doesn't exist, the part of its path that
-/// exists is resolved.
+/// Returns the canonical path of a file, without links, `.` and `..`. If the file doesn't exist, the existing part of
+/// its path is resolved.
 pub(crate) fn place(path: &Path) -> PathBuf {
     if let Ok(place) = path.canonicalize() {
         return place;
@@ -234,7 +234,7 @@ pub fn check_not_inputs<'i, 'a>(
 /// Path that means standard output.
 pub const STDOUT: &str = "-";
 
-/// The flag that gives a report's path.
+/// The flag whose value is the path of a report.
 pub const REPORT: &str = "--report";
 
 /// Returns whether a report with this path goes to standard output. If so, the report replaces the printed table.

@@ -11,8 +11,8 @@ pub use spharm_cohort::files::serialize_shown;
 
 use crate::inputs::expand_lists;
 
-/// Replaces each `@LIST` by the paths in the file LIST, and each folder by its files whose names end in `ending`. The
-/// files of a folder are sorted by name.
+/// Replaces each `@LIST` by the paths in the file LIST, and each folder by those of its files whose names end in
+/// `ending`, sorted by name.
 ///
 /// # Errors
 ///
@@ -21,7 +21,7 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
     expand_to(paths, ending, |_| true)
 }
 
-/// Expands paths as [`expand`] does, but takes only the files of a folder for which `take` returns true.
+/// Expands paths as [`expand`] does, but of the files in a folder takes only those for which `take` returns true.
 ///
 /// # Errors
 ///
@@ -59,8 +59,8 @@ pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
 }
 
-/// Returns the names of models as [`model_name`] does, for a table in which names identify models. `flag` is the option
-/// that requests the table.
+/// Returns the name of each model as [`model_name`] does, for a table in which models are identified by their names.
+/// `flag` is the option that requests the table.
 ///
 /// # Errors
 ///
@@ -86,7 +86,7 @@ pub fn model_file_name(model: &Path) -> OsString {
     ModelFiles { model: file_stem(model).into() }.file_name()
 }
 
-/// Returns a path as text for reports. JSON holds only text, so bytes that aren't UTF-8 become U+FFFD.
+/// Returns a path as text for reports. Bytes that aren't UTF-8 become U+FFFD, because JSON can't contain them.
 #[must_use]
 pub fn shown(path: impl AsRef<Path>) -> String {
     path.as_ref().display().to_string()

@@ -1,8 +1,8 @@
-//! Escapes text from outside before it is printed to a terminal or a log.
+//! Escapes text from files and arguments before it is printed to a terminal or a log.
 //!
-//! File names, table cells and format headers come from outside. These texts may contain characters that a terminal
-//! acts on: escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the
-//! program prints passes through this module, so that each line of output stays a single line.
+//! File names, table cells and format headers may contain characters that a terminal acts on instead of showing them:
+//! escape sequences, line breaks, and characters that reverse the direction of the text. Everything that the program
+//! prints passes through this module, so that each line of output stays a single line.
 
 use std::borrow::Cow;
 
@@ -25,8 +25,8 @@ pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if matches!(c, '\n' | '\t') { c.to_string() } else { c.escape_default().collect() })
 }
 
-/// Returns equivalent JSON in which all control characters are escaped, except line breaks between tokens. JSON itself
-/// requires escapes only for control characters up to U+001F.
+/// Returns `text`, which is JSON, as equivalent JSON in which all control characters are escaped, except line breaks
+/// between tokens. JSON itself requires escapes only for control characters up to U+001F.
 #[must_use]
 pub fn json(text: &str) -> Cow<'_, str> {
     // Line breaks within strings are already escaped. All other control characters are below U+10000, so four digits

@@ -1,4 +1,5 @@
-//! Checks the roles of path arguments, input or output, for all verbs before any work.
+//! Checks which path arguments of a verb are inputs and which are outputs, and refuses conflicts before any work is
+//! done.
 //!
 //! With `--force`, a result written to the path of an input would destroy the input, and a report written to the path
 //! of a result would destroy the result. This module checks the paths that are given as arguments. A verb checks the
@@ -14,7 +15,7 @@ use spharm_files::{FileId, file_id};
 use crate::inputs::expand_lists;
 use crate::output::{is_stdout, is_stream, place};
 
-/// Use of the path in an argument.
+/// The way in which a verb uses the path in an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// The path is read; `@LIST` names a file of paths.
@@ -23,8 +24,8 @@ pub enum Role {
     Output,
     /// A report or a table is written to the path, in addition to the results.
     Report,
-    /// Any other use, such as the path of a store or of a folder of data: not a single file that is only read or only
-    /// written.
+    /// Any other use, such as the path of a store or of a data folder, which isn't a single file that is only read or
+    /// only written.
     Other,
 }
 
@@ -36,8 +37,8 @@ pub struct Given {
     role: Role,
 }
 
-/// Returns the paths in a command's arguments. `role` takes a verb (such as `shape align`) and an argument's name.
-/// `role` returns the argument's role, or `None` if the argument isn't a path.
+/// Returns the paths in a command's arguments. Given a verb (such as `shape align`) and an argument's name, `role`
+/// returns the argument's role, or `None` if the argument isn't a path.
 pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) -> Option<Role>) -> Vec<Given> {
     let (mut command, mut matches, mut verb) = (command, matches, String::new());
     let mut found = Vec::new();
@@ -79,7 +80,7 @@ pub fn check(given: &[Given]) -> Result<()> {
     }
     for input in given.iter().filter(|given| given.role == Role::Input) {
         let itself = input.path.to_str().and_then(|path| path.strip_prefix('@')).map(PathBuf::from);
-        // Skip a list that can't be read; the verb refuses it later.
+        // Skip a list that can't be read, because the verb refuses it later.
         let named = expand_lists(std::slice::from_ref(&input.path)).unwrap_or_default();
         for path in itself.iter().chain(&named) {
             if let Some(output) = file_id(path).and_then(|id| there.get(&id)) {

@@ -1,4 +1,4 @@
-//! Sizes as written in arguments: `512MiB`, `2GiB`, `1.5G`, `100000000`.
+//! Parses sizes in arguments, such as `512MiB`, `2GiB`, `1.5G` and `100000000`.
 
 use std::fmt;
 use std::str::FromStr;

@@ -1,4 +1,4 @@
-//! Lists the surfaces named by arguments: mesh files, and labels of volumes.
+//! Lists the surfaces that arguments name: mesh files, and labels of volumes.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -47,7 +47,7 @@ impl FromStr for Labels {
     }
 }
 
-/// Value of `--voxel-size`: sizes along x, y and z.
+/// Value of `--voxel-size`: the voxel's size along x, y and z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelSize(pub [f64; 3]);
 
@@ -78,9 +78,9 @@ pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -
     )
 }
 
-/// Returns the surfaces named by paths and labels: each is a file, or a file and one of its labels. Without `labels`, a
-/// volume must have a single label. If `of_volumes` is false, volumes are treated like any other file and returned
-/// without a label. The reader's volume settings are refused for files that aren't volumes.
+/// Returns the surfaces that paths and labels name. Each surface is a file, or a file with one of its labels. Without
+/// `labels`, a volume must have a single label. If `of_volumes` is false, volumes are treated like any other file and
+/// returned without a label. The reader's volume settings are refused for files that aren't volumes.
 ///
 /// # Errors
 ///

@@ -1,9 +1,9 @@
-//! The number of threads: the requested one, or else the number of CPUs that this process may use.
+//! Determines the number of threads: the requested number or, by default, the number of CPUs that this process may use.
 
 use anyhow::{Context, Result};
 use clap::Args;
 
-/// Maximum number of threads of our OpenBLAS build (`.cargo/config.toml`).
+/// Maximum number of threads that this project's build of OpenBLAS supports (`.cargo/config.toml`).
 const MOST: usize = 64;
 
 /// Argument `--threads`.
@@ -30,7 +30,7 @@ impl Threads {
         }
     }
 
-    /// Starts a pool with this number of threads; run the work with its `install`.
+    /// Starts a pool with this number of threads. Run the work with the pool's method `install`.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Usage errors that clap can't detect: arguments that conflict, are missing or have invalid values.
+//! Defines the usage errors that clap can't detect: arguments that conflict, are missing or have invalid values.
 
 use clap::error::ErrorKind;
 

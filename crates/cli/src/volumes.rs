@@ -1,4 +1,4 @@
-//! Arguments that describe volumes: their voxels, and the surface of a label.
+//! Defines the arguments for reading volumes and for the surface of a label.
 
 use clap::Args;
 use spharm::parametrize::volume::{AxisOrder, ImageChoice, LabelSurface, VolumeReading, VoxelValues};
@@ -47,7 +47,7 @@ pub struct VolumeArgs {
 }
 
 impl VolumeArgs {
-    /// Returns the library's settings for reading volumes.
+    /// Returns these arguments as the library's settings for reading volumes.
     #[must_use]
     pub fn reading(&self) -> VolumeReading {
         let values = VoxelValues::of(self.threshold, self.probability);
@@ -75,7 +75,7 @@ pub struct LabelSurfaceArgs {
 }
 
 impl LabelSurfaceArgs {
-    /// Returns the library's setting for the surface of a label.
+    /// Returns these arguments as the library's setting for the surface of a label.
     ///
     /// # Errors
     ///

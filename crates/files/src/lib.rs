@@ -1,7 +1,7 @@
 //! Opens regular files without blocking, and reads them completely within a size limit.
 //!
 //! Opening a FIFO waits for a writer, reading from a FIFO or terminal waits for data, and a device may supply data
-//! without end. Files of these kinds can't be read several times, so they are rejected. The kind is checked before
+//! without end. Such files can't be read more than once either, so they are rejected. The kind is checked before
 //! opening, and again after opening, because another program may replace the file in between. Functions that read a
 //! whole file have a size limit. The limit also applies to files that grow while they are read, and to files of unknown
 //! size, such as those in `/proc`.
@@ -56,11 +56,11 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
     Ok(file)
 }
 
-/// Identity of a file, equal for all paths and links to it: device and inode.
+/// Identity of a file, which is the same for all paths and links to the file: device and inode.
 #[cfg(unix)]
 pub type FileId = (u64, u64);
 
-/// Identity of a file, equal for all paths and symbolic links to it: its canonical path.
+/// Identity of a file, which is the same for all paths and symbolic links to the file: the canonical path.
 #[cfg(not(unix))]
 pub type FileId = std::path::PathBuf;
 
@@ -85,7 +85,8 @@ pub fn first_input<'i, 'a>(
     inputs: impl IntoIterator<Item = &'i Path>,
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Option<&'a Path> {
-    // Outputs that don't exist can't be inputs. If no output exists, as in most runs, the inputs need not be examined.
+    // Outputs that don't exist can't be inputs. If no output exists, as in most runs, the inputs don't have to be
+    // examined.
     let mut outputs = outputs.into_iter().filter_map(|path| Some((path, file_id(path)?))).peekable();
     outputs.peek()?;
     let inputs: HashSet<FileId> = inputs.into_iter().filter_map(file_id).collect();

@@ -13,7 +13,7 @@ use crate::error::ModelError;
 use crate::npy::{Array, write_header, write_text};
 use crate::npz::{Archive, file, opened, write_all};
 
-/// A named entry to write to an archive.
+/// Contents of an entry to write to an archive.
 #[derive(Debug, Clone, Copy)]
 pub enum Entry<'a> {
     /// A matrix of f64.
@@ -24,7 +24,8 @@ pub enum Entry<'a> {
     Text(&'a str),
 }
 
-/// Writes an archive, which appears only when it is complete. An existing file is replaced only if `overwrite` is set.
+/// Writes an archive. The file appears under its name only when it is complete. An existing file is replaced only if
+/// `overwrite` is set.
 ///
 /// # Errors
 ///

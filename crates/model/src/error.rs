@@ -18,7 +18,7 @@ pub enum ModelError {
         /// Error of the operating system.
         source: io::Error,
     },
-    /// An input file of a model can't be read.
+    /// A file from which a model was made can't be read.
     #[error("{}: {source}", .path.display())]
     Input {
         /// Path of the file.
@@ -66,7 +66,7 @@ pub enum ModelError {
         /// Highest degree of the model.
         max_degree: usize,
     },
-    /// A surface was requested, but the model is of a signal.
+    /// A surface was requested, but the model is a model of a signal.
     #[error("expected a model of a surface, found a model of a signal with {channels} channels")]
     NotASurface {
         /// Number of channels of the model.

@@ -1,4 +1,4 @@
-//! Evaluates a model on any sphere, up to any degree of the model.
+//! Evaluates a model on any sphere, up to the model's degree or a lower degree.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -118,7 +118,7 @@ mod tests {
         let model = ellipsoid();
         let sphere = Sphere::icosphere(1);
         let degree_0 = model.reconstruct(&sphere, 0).unwrap();
-        assert!(degree_0.vertices.iter().all(|v| *v == degree_0.vertices[0]), "degree 0 is a point");
+        assert!(degree_0.vertices.iter().all(|v| *v == degree_0.vertices[0]), "a surface of degree 0 is a point");
         let error = model.reconstruct(&sphere, 3).unwrap_err();
         assert!(matches!(error, ModelError::DegreeTooHigh { degree: 3, max_degree: 2 }), "{error}");
         let points = Sphere::from_directions(sphere.directions.clone());

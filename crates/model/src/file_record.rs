@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::error::ModelError;
 
-/// Identity of an input file of a model.
+/// Identity of a file from which a model was made.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
     /// Path of the file, as given by the user.
@@ -55,7 +55,7 @@ impl FileRecord {
         Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, ..Self::default() })
     }
 
-    /// Adds the label, and the numbers of the channel and time point of the volume from which the label was read.
+    /// Adds to the record the label, and the numbers of the channel and time point from which the label was read.
     #[must_use]
     pub fn with_label(self, label: i64, [channel, time]: [Option<usize>; 2]) -> Self {
         Self { label: Some(label), channel, time, ..self }
@@ -88,7 +88,7 @@ pub fn recorded_name(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
 
-/// Deserializes a file record. Returns `None` for models of version 0.1, which store only the file's name.
+/// Deserializes a file record. Returns `None` for models from version 0.1, which store only the file's name.
 pub(crate) fn of_any_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]

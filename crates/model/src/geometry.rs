@@ -1,5 +1,6 @@
-//! Preserves the position of a surface in its volume, as recorded in the surface's file. A model stores this position,
-//! and writes it to the files of reconstructions. The author and date of the original file aren't preserved.
+//! Preserves the position of a surface in the volume from which it was extracted, as recorded in the surface's file. A
+//! model stores this position, and writes it to the files of reconstructions. The author and date of the original file
+//! aren't preserved.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

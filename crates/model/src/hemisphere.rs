@@ -135,7 +135,7 @@ mod tests {
         fitted.sphere = Some("surf/rh.sphere.reg".to_owned());
         assert_eq!(fitted.file_of_other_hemisphere(None), Some("surf/rh.sphere.reg"));
         fitted.anatomical_structure_primary = Some("CortexRight".to_owned());
-        assert_eq!(fitted.file_of_other_hemisphere(None), None, "metadata count more than names");
+        assert_eq!(fitted.file_of_other_hemisphere(None), None, "metadata take precedence over file names");
         assert_eq!(of_input("thickness").file_of_other_hemisphere(None), None);
     }
 

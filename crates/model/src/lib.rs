@@ -42,7 +42,7 @@
 //! use spharm_model::Model;
 //! use spharm_surface::{Kind, Sphere};
 //!
-//! // x, y and z of degree 1: an ellipsoid.
+//! // One coefficient of degree 1 for each of x, y and z: an ellipsoid.
 //! let mut values = Array2::zeros((4, 3));
 //! (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (9.0, 4.0, 4.0);
 //! let model = Model::without_sphere(Coefficients::new(values)?, Kind::Surface);

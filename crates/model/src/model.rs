@@ -85,9 +85,9 @@ impl Model {
         }
     }
 
-    /// Returns whether both models are members of a group that `shape correspond` made, over one sphere, so that equal
-    /// directions correspond. Models of other origins may have the same sphere without corresponding, such as models of
-    /// meshes that were resampled on the same icosphere.
+    /// Returns whether both models are members of a group that `shape correspond` made, over the same sphere, so that
+    /// equal directions correspond. Models of other origins may have the same sphere without corresponding, such as
+    /// models of meshes that were resampled on the same icosphere.
     #[must_use]
     pub fn is_in_group_of(&self, other: &Self) -> bool {
         let of_group = |model: &Self| model.provenance.tool.as_deref() == Some("shape correspond");

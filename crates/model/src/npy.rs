@@ -64,7 +64,7 @@ impl Array {
         Ok(array.map_err(|error| NpyError(error.to_string()))?.as_standard_layout().into_owned())
     }
 
-    /// Reads an array whose values take at most `most` bytes.
+    /// Reads an array. Fails if its values take more than `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
         let count = header.bytes().ok_or("a shape with more values than any file can hold")?;

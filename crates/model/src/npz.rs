@@ -121,7 +121,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         if let Some(convention) = self.array("convention", Array::text)?
             && convention != CONVENTION
         {
-            return Err(invalid(path, format!("convention is {convention:?}, expected {CONVENTION:?}")));
+            return Err(invalid(path, format!("the convention is {convention:?}, expected {CONVENTION:?}")));
         }
         if let Some(max_degree) = self.array("max_degree", Array::scalar)?
             && max_degree != coefficients.max_degree() as f64
@@ -156,7 +156,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         let path = self.path;
         let Some(directions) = self.array("directions", Array::matrix)? else { return Ok(None) };
         let vectors = triples(&directions).ok_or_else(|| invalid(path, "directions: expected three columns"))?;
-        // Vectors of exact unit length, as `write` stores them, keep all their bits; other vectors are normalised.
+        // Vectors of exact unit length, as `write` stores them, are used unchanged. Other vectors are normalised.
         let directions = Directions::from_unit_vectors(vectors.clone())
             .or_else(|_| Directions::from_vertices(&vectors))
             .map_err(|error| invalid(path, format!("directions: {error}")))?;

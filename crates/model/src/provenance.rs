@@ -24,7 +24,7 @@ pub struct Provenance {
     /// Name of the surface in a study's table, if the surface belongs to a study.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// File of the fitted surface or signal; `None` in models of version 0.1.
+    /// File of the fitted surface or signal; `None` in models from version 0.1.
     #[serde(deserialize_with = "file_record::of_any_version")]
     pub input: Option<FileRecord>,
     /// File of the mask or label that selects the vertices with known values. `None` unless the values of the other
@@ -59,8 +59,8 @@ pub struct Provenance {
     /// Order of the axes of a NumPy file, if the user gave an order other than `xyz`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub axes: Option<String>,
-    /// Kind of the surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models of
-    /// earlier versions, whose surfaces follow the voxels.
+    /// Kind of the surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models
+    /// from earlier versions, whose surfaces follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_surface: Option<String>,
     /// Smoothing radius of a smooth surface in voxels, if it isn't the default.
@@ -97,7 +97,7 @@ pub struct Provenance {
     pub other: Map<String, Value>,
 }
 
-/// Voxels of the label whose surface was fitted.
+/// Number and size of the voxels of the label whose surface was fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VoxelRecord {
     /// Number of the label's voxels in the file.
@@ -124,8 +124,8 @@ pub struct Versions {
 pub struct Settings {
     /// Method of the fit: `lsq`, `irf`, `sirf`, `mirf`, `nlsf` or `quadrature`.
     pub method: String,
-    /// Objective of the fit: `surface`, `vertices`, or `samples` for moments. `None` in models of version 0.1, which
-    /// were fitted to the vertices.
+    /// Objective of the fit: `surface`, `vertices`, or `samples` if the model was fitted to moments. `None` in models
+    /// from version 0.1, which were fitted to the vertices.
     #[serde(default, alias = "target")]
     pub objective: Option<String>,
     /// Largest area distortion allowed in the mapping of a mesh without a sphere, if the user gave a limit.
@@ -148,7 +148,7 @@ pub struct Settings {
     /// Fraction of the vertices that the fit held out.
     #[serde(default)]
     pub hold_out: Option<f64>,
-    /// Requested tolerance for the optimality, for the full least squares; `None` in models of version 0.1.
+    /// Requested tolerance for the optimality, for fits by full least squares; `None` in models from version 0.1.
     #[serde(default)]
     pub tolerance: Option<f64>,
     /// Maximum number of iterations, for iterative methods.
@@ -163,7 +163,7 @@ pub struct Settings {
     /// Whether the iterations converged, for iterative methods.
     #[serde(default)]
     pub converged: Option<bool>,
-    /// Choice of the smoothness penalty lambda: `default`, `fixed` or `auto`; `None` in models of version 0.1.
+    /// Choice of the smoothness penalty lambda: `default`, `fixed` or `auto`; `None` in models from version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
     /// Smoothness penalty lambda that was used. If each channel has its own penalty, this is the largest penalty.
@@ -185,8 +185,8 @@ pub struct Distances {
     pub msd_raw: f64,
     /// Maximal squared distance, in the square of the input's unit.
     pub xsd_raw: f64,
-    /// Root of the mean squared distance, in the input's unit. This field is needed if the squared distance is outside
-    /// the range of f64, in which case `msd_raw` is clamped to that range.
+    /// Root mean square distance, in the input's unit. This field is needed if the squared distance is outside the
+    /// range of f64, in which case `msd_raw` is clamped to that range.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rms_raw: Option<f64>,
     /// Largest distance, in the input's unit. This field is needed if the squared distance is outside the range of f64,
@@ -212,7 +212,7 @@ impl Distances {
         }
     }
 
-    /// Returns the root of the mean squared distance, in the input's unit.
+    /// Returns the root mean square distance, in the input's unit.
     #[must_use]
     pub fn rms(&self) -> f64 {
         self.rms_raw.unwrap_or_else(|| self.msd_raw.sqrt())
@@ -224,7 +224,7 @@ impl Distances {
         self.max_raw.unwrap_or_else(|| self.xsd_raw.sqrt())
     }
 
-    /// Returns the distances after the input has been scaled by 2^exponent.
+    /// Returns the distances as they are after the input is scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         if exponent == 0 {
@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(Provenance::parse("{}").settings, None);
     }
 
-    /// The JSON has the form written by version 0.1.
+    /// The JSON is in the form that version 0.1 wrote.
     #[test]
     fn an_old_model_is_understood() {
         let json = r#"{"tool":"fit","versions":{"spharm":"0.1.0","store_format":1,"platform":["linux","x86_64"]},

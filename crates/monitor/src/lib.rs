@@ -143,7 +143,7 @@ impl Monitor for OnlyCancel<'_> {
     }
 }
 
-/// A flag can serve as a monitor, which shows nothing and cancels the computation when the flag is set to true.
+/// A flag that serves as a monitor: it shows nothing, and cancels the computation once it is true.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {
         self.load(Ordering::Relaxed)

@@ -8,7 +8,7 @@ pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value.is_finite() { "0".to_owned() } else { value.to_string() };
     }
-    // Rounding may carry into the next power of ten, as from 9.9996 to 10.00.
+    // Rounding may lead to the next power of ten, such as from 9.9996 to 10.00.
     let rounded = format!("{value:.3e}");
     let exponent = rounded.split_once('e').and_then(|(_, power)| power.parse::<i32>().ok()).unwrap_or(0);
     match exponent {

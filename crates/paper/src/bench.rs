@@ -1,4 +1,4 @@
-//! Builds bases and fits surfaces, and measures the time.
+//! Builds bases of spherical harmonics, fits surfaces, and measures the time that this takes.
 
 use std::cell::RefCell;
 use std::fmt::Display;
@@ -24,18 +24,19 @@ pub(crate) struct Bench<'a> {
     /// Maximum memory of a build or a fit, in bytes.
     pub(crate) memory: usize,
     pub(crate) threads: usize,
-    /// Memory of the surfaces and the program in bytes.
+    /// Memory that the surfaces and the program occupy, in bytes.
     pub(crate) held: usize,
 }
 
-/// Accuracy and time of a fit.
+/// Accuracy and duration of a fit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured {
     pub(crate) quality: Quality,
     pub(crate) seconds: f64,
 }
 
-/// Maximum number of refinement sweeps after the single pass of NLSF, equal to that of the command `spharm fit`.
+/// Maximum number of refinement sweeps after the single pass of NLSF (a full least-squares fit), as in the command
+/// `spharm fit`.
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {
@@ -48,14 +49,14 @@ impl Bench<'_> {
         self.warnings.borrow_mut().push(text.to_string());
     }
 
-    /// Builds the missing files of a basis in a store. Returns the report and the time in seconds, including the time
-    /// for syncing the files to disk.
+    /// Builds the missing files of a basis in a store. Returns the report and the time in seconds, which includes
+    /// syncing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
         let started = Instant::now();
         let report = build(store, directions, &params, self.monitor);
         let seconds = started.elapsed().as_secs_f64();
-        let what = || format!("the basis of {} directions to degree {max_degree}", directions.len());
+        let what = || format!("the basis for {} directions up to degree {max_degree}", directions.len());
         let report = report.with_context(what)?;
         report.warnings.iter().for_each(|warning| self.warn(warning));
         Ok((report, seconds))

@@ -17,7 +17,8 @@ use crate::families::Family;
 use crate::published::{Quality, Reference};
 use crate::surfaces::Surface;
 
-/// Result of a fit for figure 5: SIRF, with one degree per block and one pass.
+/// Result of a fit for figure 5 by SIRF, the variant of iterative residual fitting (IRF) with one degree per block and
+/// one pass.
 #[derive(Debug)]
 pub(crate) struct Sirf {
     pub(crate) surface: String,
@@ -27,7 +28,7 @@ pub(crate) struct Sirf {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Result for figures 6 and 7: accuracy and time of a fit after one of its passes, at one granularity.
+/// Result for figures 6 and 7: accuracy and time of a fit with a given granularity, after one of its passes.
 #[derive(Debug)]
 pub(crate) struct Pass {
     pub(crate) surface: String,
@@ -39,8 +40,8 @@ pub(crate) struct Pass {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Distance between surface and reconstruction for the last fit of figures 6 and 7, measured all over the surfaces
-/// instead of at vertices only.
+/// Distance between the surface and its reconstruction for the last fit of figures 6 and 7, measured all over both
+/// surfaces instead of only at the vertices.
 #[derive(Debug)]
 pub(crate) struct Between {
     pub(crate) surface: String,
@@ -70,7 +71,7 @@ pub(crate) struct Nlsf {
 /// A point of figure 3: the time and size of a basis built from scratch.
 #[derive(Debug)]
 pub(crate) struct Basis {
-    /// Quantity that varies along the curve: `degree` or `vertices`.
+    /// Quantity that varies along the curve of this point: `degree` or `vertices`.
     pub(crate) along: &'static str,
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
@@ -112,8 +113,8 @@ pub(crate) fn sirf(
     extent.sirf.iter().map(one).collect()
 }
 
-/// Runs the fits of figures 6 and 7. One fit per granularity g, with the largest number of passes, suffices: its
-/// state after p passes is the result of a fit with p passes.
+/// Runs the fits of figures 6 and 7. One fit per granularity g, with the largest number of passes, suffices, because
+/// its state after p passes is the result of a fit with p passes.
 pub(crate) fn grid(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -146,8 +147,9 @@ pub(crate) fn grid(
     Ok((grid, last.map(between).transpose()?))
 }
 
-/// Measures the distance between a surface and its reconstruction at about four times as many vertices. In contrast,
-/// msd and xsd measure the distance only at the fitted vertices. A fit isn't constrained between these vertices.
+/// Measures the distance between a surface and its reconstruction, which is evaluated at about four times as many
+/// vertices as the surface has. In contrast, msd and xsd measure the distance only at the fitted vertices. A fit isn't
+/// constrained between these vertices.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;

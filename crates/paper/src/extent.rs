@@ -1,4 +1,5 @@
-//! Defines the settings of the experiments: size, memory and number of threads.
+//! Defines the settings of the experiments: the sizes of surfaces and fits, the memory limit, and the number of
+//! threads.
 
 /// Sizes of the surfaces and fits in the experiments.
 #[derive(Debug, Clone, Copy)]
@@ -17,7 +18,7 @@ pub(crate) struct Extent {
     pub(crate) nlsf: usize,
     /// Degrees of the bases in the first part of figure 3, which have as many directions as the cortex has vertices.
     pub(crate) basis_degrees: &'static [usize],
-    /// Degree in the second part of figure 3.
+    /// Degree of the bases in the second part of figure 3.
     pub(crate) basis_degree: usize,
     /// Numbers of subdivisions of the icospheres in the second part of figure 3.
     pub(crate) basis_subdivisions: &'static [u32],

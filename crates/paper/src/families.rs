@@ -31,7 +31,7 @@ pub(crate) struct Family {
     pub(crate) quadrature: Measured,
 }
 
-/// Relative accuracy of the transforms, equal to that of the command `spharm fit`.
+/// Relative accuracy of the transforms, as in the command `spharm fit`.
 const ACCURACY: f64 = 1e-12;
 
 pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) -> Result<Vec<Family>> {

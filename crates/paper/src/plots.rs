@@ -40,8 +40,9 @@ pub(crate) struct Panel {
     pub(crate) curves: Vec<Curve>,
 }
 
-/// Colours of the curves, which colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), without the pale
-/// yellow. The markers also differ, so that the curves can be distinguished in black and white.
+/// Colours and markers of the curves. The colours are those of a palette that colour-blind people can distinguish (B.
+/// Wong, Nature Methods 8, 2011), without its pale yellow. The markers also differ, so that the curves can be
+/// distinguished in black and white.
 const STYLES: [(&str, MarkerShape); 7] = [
     ("#0072B2", MarkerShape::Circle),
     ("#D55E00", MarkerShape::Square),

@@ -9,7 +9,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-/// Surfaces of the paper.
+/// The paper's surfaces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Cortex,
@@ -35,14 +35,14 @@ const fn fit(kind: Kind, name: &'static str, vertices: usize, p: usize, g: usize
     Published { kind, name, vertices, passes: p, granularity: g, seconds, msd, xsd }
 }
 
-/// Fits for which the paper reports the time.
+/// The fits whose times the paper reports.
 pub(crate) const PUBLISHED: [Published; 3] = [
     fit(Kind::Cortex, "cortex", 40_962, 1, 100, [555.0, 4.57e-5, 6.54e-4]),
     fit(Kind::Head, "head", 27_618, 1, 400, [568.0, 1.16e-5, 2.46e-4]),
     fit(Kind::Hippocampus, "hippocampus", 10_082, 2, 1, [210.0, 2.33e-5, 1.63e-3]),
 ];
 
-/// Approximate degree that a full least-squares fit (NLSF) reached at 40,962 vertices in 2006.
+/// Approximate degree that a full least-squares fit (NLSF) of 40,962 vertices reached in 2006.
 pub(crate) const NLSF_DEGREE: usize = 24;
 
 /// Accuracy of a fit: mean (msd) and maximum (xsd) of the squared distances, relative to a bounding box of volume 1.

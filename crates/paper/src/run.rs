@@ -28,7 +28,7 @@ pub struct Document {
 
 const SUMMARY: &str = "paper.md";
 
-/// Experiments with their surfaces, and the expected results of the fits.
+/// The experiments: their settings and surfaces, and the expected results of the fits.
 pub struct Experiments {
     settings: Settings,
     surfaces: Vec<Surface>,
@@ -66,8 +66,8 @@ impl Experiments {
     ///
     /// Returns an error if a basis can't be built, a fit fails, or the monitor cancels the run.
     pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
-        /// Memory of the program, its stacks and its allocator in bytes, equal to the estimate of the command
-        /// `spharm fit`.
+        /// Memory of the program, its stacks and its allocator, in bytes; the command `spharm fit` uses the same
+        /// estimate.
         const BASE: usize = 12 << 20;
         let Settings { memory, threads, .. } = self.settings;
         let store = Store::new(store, beside)?;

@@ -1,4 +1,4 @@
-//! Manages the folder of the bases, which may be temporary.
+//! Manages the folder in which bases are stored, which may be temporary.
 
 use std::path::{Path, PathBuf};
 

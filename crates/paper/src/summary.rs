@@ -124,7 +124,7 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
     }
     let theirs: Vec<String> = PUBLISHED.iter().map(|p| format!("a {} of {} vertices", p.name, p.vertices)).collect();
     let mut text = format!(
-        "## Comparison with the paper\n\nThe paper measured {}, on a computer of 2006. Only head27618 is the paper's \
+        "## Comparison with the paper\n\nThe paper measured {}, on a computer from 2006. Only head27618 is the paper's \
          own surface, but over another sphere; the other surfaces are of the same kind and size, so times can be \
          compared, but errors only by order of magnitude. The ratio is the paper's seconds divided by ours. The last \
          column is the relative difference of msd or xsd from reference.json, whichever is larger.\n\n{}",

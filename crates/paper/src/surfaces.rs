@@ -15,7 +15,7 @@ use crate::published::Kind;
 pub(crate) struct Surface {
     /// Short name of the surface, for file names and tables.
     pub(crate) name: String,
-    /// Surface of the paper with which this surface is compared.
+    /// The paper's surface with which this surface is compared.
     pub(crate) kind: Kind,
     /// Vertices of the sphere, one for each vertex of the surface.
     pub(crate) directions: Directions,
@@ -39,14 +39,14 @@ impl Surface {
         subdivide_sphere(&Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone()))
     }
 
-    /// Returns the memory of the surface in bytes.
+    /// Returns the memory that the surface occupies, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         2 * 24 * self.vertices.len() + 12 * self.faces.len()
     }
 }
 
-/// A surface that the data folder may contain: its name, the files of surface and sphere, the corresponding surface
-/// of the paper, and whether to subdivide it.
+/// A surface that the data folder may contain: its name, the files of the surface and of its sphere, the corresponding
+/// surface in the paper, and whether to subdivide it.
 type Known = (&'static str, &'static str, &'static str, Kind, bool);
 
 /// Surfaces that the data folder may contain. Hippocampi are subdivided, because their files have about 2,400 vertices,

@@ -1,4 +1,4 @@
-//! Writes the measurements as CSV with full precision, and formats tables as Markdown.
+//! Formats the measurements as CSV with full precision, and tables as Markdown.
 
 use crate::bench::Measured;
 use crate::experiments::{Basis, Between, Nlsf, Pass, Results, Sirf};

@@ -1,4 +1,4 @@
-//! Computes the arc tangent without calls or branches, so that compilers can vectorise loops over it.
+//! Computes the arc tangent without function calls or branches, so that compilers can vectorise loops that use it.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -58,7 +58,7 @@ mod tests {
                 assert!((found - y.atan2(x)).abs() <= 4.0 * f64::EPSILON * angle.max(1e-300), "{angle} {found}");
             }
         }
-        // Checks that small angles keep their relative accuracy.
+        // Checks that the relative accuracy is also kept for very small angles.
         for exponent in 1..300 {
             let y = 0.7 * 10_f64.powi(-exponent);
             assert!((atan2_upper(y, 1.3) / y.atan2(1.3) - 1.0).abs() < 4.0 * f64::EPSILON);

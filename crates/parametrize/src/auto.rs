@@ -1,4 +1,5 @@
-//! Maps a surface by the default method: [`cald`](crate::cald()), and [`stretch`](crate::stretch()) if cald fails.
+//! Maps a surface to the sphere by the default method: [`cald`](crate::cald()), or [`stretch`](crate::stretch()) if
+//! `cald` fails.
 
 use spharm_monitor::{Monitor, Silent};
 use spharm_surface::Mesh;

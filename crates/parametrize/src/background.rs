@@ -1,4 +1,4 @@
-//! Runs long, uninterruptible calls to other libraries so that the caller can still be cancelled.
+//! Runs long, uninterruptible calls to other libraries on a separate thread, so that the caller can still be cancelled.
 //!
 //! A sparse factorisation for a mesh of 160,000 vertices takes about a second and can't be cancelled. Such a call runs
 //! on its own thread while the caller checks the monitor. On cancellation the caller returns at once; the thread runs
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use spharm_monitor::{Interrupted, Monitor};
 
-/// Interval between checks of the monitor.
+/// Interval at which the waiting caller checks the monitor for cancellation.
 const INTERVAL: Duration = Duration::from_millis(50);
 
 /// Runs `work`, on a separate thread if `long` is true. If the monitor asks to stop, returns at once and leaves the

@@ -10,7 +10,8 @@ use crate::local::{INPUTS, NUMBERS, derivatives, value};
 /// Number of triangles per batch.
 pub(crate) const BATCH: usize = 64;
 
-/// Inputs of up to [`BATCH`] triangles, one array per input: nine coordinates, three cotangents, the area.
+/// Inputs of up to [`BATCH`] triangles, one array per input. A triangle has 13 inputs: nine coordinates, three
+/// cotangents and the area.
 pub(crate) struct Batch([[f64; BATCH]; INPUTS]);
 
 /// Results of [`derivatives`](Batch::derivatives) for a batch: one array per result, with an entry for each triangle.
@@ -24,7 +25,7 @@ impl Batch {
         Self(sound.map(|number| [number; BATCH]))
     }
 
-    /// Stores a triangle in a lane.
+    /// Stores the inputs of a triangle in a lane of the batch.
     #[inline(always)]
     pub(crate) fn set(&mut self, lane: usize, corners: [Vec3; 3], shape: &Shape) {
         for (corner, p) in corners.iter().enumerate() {
@@ -48,7 +49,8 @@ impl Batch {
         }
     }
 
-    /// Computes values, gradients and Hessians of the first `count` triangles; later entries of `out` are unspecified.
+    /// Computes the energies, gradients and Hessians of the first `count` triangles; later entries of `out` are
+    /// unspecified.
     pub(crate) fn derivatives(&self, energy: Energy, count: usize, out: &mut Numbers) {
         match energy {
             Energy::Balanced { area, shape, bound } => {
@@ -74,7 +76,7 @@ impl Batch {
     }
 }
 
-/// Number of lanes computed together. The number of triangles of a batch is rounded up to a multiple of this number.
+/// Number of lanes computed together. The number of triangles in a batch is rounded up to a multiple of this number.
 const LANES: usize = 8;
 
 #[inline(always)]

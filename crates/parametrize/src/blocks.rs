@@ -18,12 +18,13 @@ const ROWS: usize = 1024;
 pub(crate) struct Pattern {
     /// Index in `columns` of each row's first block. The last entry is the length of `columns`.
     pub(crate) starts: Vec<u32>,
-    /// Vertex that is the column of each block. Each row begins with the row's own vertex, followed by the vertex's
-    /// neighbours in ascending order.
+    /// For each block, the vertex that its column belongs to. Each row begins with the block of the row's own vertex,
+    /// followed by the blocks of the neighbours in ascending order.
     pub(crate) columns: Vec<u32>,
     /// Index in `corners` of each vertex's first entry. The last entry is the length of `corners`.
     around: Vec<u32>,
-    /// The triangle corners at each vertex, encoded as three times the triangle's index plus the corner's number.
+    /// The triangle corners at each vertex, each encoded as three times the triangle's index plus the corner's number
+    /// (0 to 2).
     corners: Vec<u32>,
     /// For each entry of `corners`, the positions of the triangle's two other vertices within the matrix row.
     places: Vec<[u32; 2]>,
@@ -78,7 +79,7 @@ impl Pattern {
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// Returns the vertices of a row's blocks: the vertex itself, then its neighbours.
+    /// Returns the vertices that the columns of the blocks in row `v` belong to: `v` itself, then its neighbours.
     pub(crate) fn columns_of(&self, v: u32) -> &[u32] {
         &self.columns[self.range(v as usize)]
     }

@@ -10,9 +10,9 @@
 //! needs fewer degrees.
 //!
 //! If the area distortion is then smaller than allowed, the remaining allowance is used for residual-adaptive areas
-//! (`residual_areas.rs`). Each round increases the sampling density where a model's residual is large. The rounds
-//! continue as long as the error of a fit decreases. The error of a fit over such a map is a fifth to a half smaller
-//! than over a map with the surface's own areas.
+//! (`residual_areas.rs`). Each round gives more of the sphere, and so more samples, to parts of the surface where a
+//! model's residual is large. The rounds continue as long as the error of a fit decreases. The error of a fit over such
+//! a map is a fifth to a half smaller than that of a fit over a map that keeps the surface's own areas.
 
 use std::time::Instant;
 
@@ -27,18 +27,18 @@ use crate::error::ParametrizeError;
 use crate::report::{Note, Parametrization};
 use crate::residual_areas::{adapted, degree_for, residual};
 
-/// Weight of shape distortion in the energy, by stage.
+/// Weight of shape distortion in the energy, for each stage.
 const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.02, 0.014, 0.01, 0.007, 0.005];
 
 /// Weight of the term that bounds lengths, relative to the weight of shape distortion. At ten times this value, the
-/// area distortion of figures with arms nearly doubles (0.15 instead of 0.08 for the surface `homer`).
+/// area distortion of surfaces that have arms nearly doubles (0.15 instead of 0.08 for the surface `homer`).
 const BOUND: f64 = 0.02;
 
 /// Share of the allowed area distortion that may be used to lower the shape distortion.
 const FOR_SHAPE: f64 = 0.75;
 
-/// Area distortion that the adaptation aims at, as a share of the allowed distortion. The rest is a margin for the last
-/// smoothing, which still changes areas slightly.
+/// Target of the area distortion when areas are adapted, as a share of the allowed distortion. The remaining share is a
+/// margin for the last smoothing, which still changes areas slightly.
 const AIM: f64 = 0.98;
 
 /// Largest area distortion accepted in exchange for lower shape distortion. A larger area distortion increases the
@@ -48,8 +48,8 @@ const MOST_FOR_SHAPE: f64 = 0.3;
 /// Largest number of rounds that adapt the target areas.
 const ROUNDS: usize = 8;
 
-/// Largest change of target areas in a round: the root mean square of the logarithms of the factors by which areas are
-/// multiplied.
+/// Largest change in target areas per round, measured as the root mean square of the logarithms of the factors by which
+/// the areas are multiplied.
 const STEP: f64 = 0.2;
 
 /// The rounds end when the largest change that the next round may make, measured like [`STEP`], is below this value.
@@ -66,16 +66,18 @@ const WORTHWHILE: f64 = 0.99;
 /// Settings of [`cald`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaldParams {
-    /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1; 0 for areas as equal as
-    /// possible. Default 0.1. The allowance is used to lower the shape distortion and to adapt areas to the residual.
+    /// Allowed area distortion, from 0 to 1: the root mean square of the triangles' log area ratios. With 0, areas are
+    /// made as equal as possible. Default 0.1. The allowance is used to lower the shape distortion and to adapt areas
+    /// to the residual.
     pub area: f64,
-    /// The areas adapt to the residual of a model of this degree. If the degree is below 2, areas aren't adapted.
-    /// Default `None`: the degree at which a model has half as many basis functions as the surface has vertices, but at
-    /// most 100. In any case the model has at most two thirds as many basis functions as there are vertices.
+    /// Degree of the model whose residual determines how areas are adapted. If the degree is below 2, areas aren't
+    /// adapted. Default `None`: the degree at which a model has half as many basis functions as the surface has
+    /// vertices, but at most 100. In any case the model has at most two thirds as many basis functions as there are
+    /// vertices.
     pub degree: Option<usize>,
     /// Largest number of Newton steps in each stage. Default 30.
     pub steps: usize,
-    /// Seed of the sphere's initial rotation; other seeds give other maps of the same quality. Default 0.
+    /// Seed of the sphere's initial rotation; different seeds give different maps of the same quality. Default 0.
     pub seed: u64,
 }
 
@@ -94,7 +96,7 @@ impl CaldParams {
     }
 }
 
-/// Maps a closed surface to the sphere with little length distortion. Areas are equal to within the allowed distortion.
+/// Maps a closed surface to the sphere with little length distortion. Areas are equal up to the allowed distortion.
 ///
 /// # Errors
 ///
@@ -132,8 +134,8 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
 }
 
 /// Adapts areas to the residual of a fit, within the remaining allowance for area distortion, as long as the error of
-/// the fit decreases. Returns the largest factor by which a target area grew. Returns `None` and leaves the map
-/// unchanged if no allowance remains or the error didn't decrease.
+/// the fit decreases. Returns the largest factor by which the target area of a triangle has grown. Returns `None` and
+/// leaves the map unchanged if no allowance remains or the error didn't decrease.
 ///
 /// Each round multiplies the target areas by factors derived from the residual of the last fit. A round that exceeds
 /// the allowed distortion, or doesn't lower the residual, is undone and tried again with smaller factors.

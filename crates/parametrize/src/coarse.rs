@@ -1,9 +1,9 @@
 //! Builds the coarse space of the two-grid preconditioner: up to ten thousand patches that rotate as rigid bodies.
 //!
-//! A smoother is slow to reduce displacements that deform triangles very little. An example is a rotation of a patch of
-//! the sphere that fades into the rotations of neighbouring patches. The coarse unknowns are therefore the rotation
-//! vectors omega_k (three numbers) of patches. Patch k consists of the vertices within `R` edges of a seed vertex.
-//! Vertex v moves by
+//! A smoother reduces error slowly if the error is a displacement that hardly deforms triangles, for example if each
+//! patch of the sphere rotates and the rotation changes gradually from patch to patch. The coarse unknowns are
+//! therefore the rotation vectors omega_k (three numbers) of patches. Patch k consists of the vertices within `R` edges
+//! of a seed vertex. Vertex v moves by
 //!
 //! ```text
 //! x_v = F_v sum over patches k of phi_k(v) omega_k x p_v,      phi_k(v) ~ 1 - distance(v, seed k) / (R + 1)
@@ -36,11 +36,12 @@ const MOST_PATCHES: usize = 10_000;
 /// coarse matrix would get a large dense block.
 const HUB: usize = 64;
 
-/// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without the shift the matrix can
-/// be singular: a patch of a single vertex doesn't move when it rotates about that vertex.
+/// Number added to the diagonal of the coarse matrix, relative to the trace of each patch's 3 x 3 diagonal block.
+/// Without the shift the matrix can be singular: a patch of a single vertex doesn't move when it rotates about that
+/// vertex.
 const SHIFT: f64 = 1e-9;
 
-/// Marks a missing position or patch.
+/// Used in place of an index if a position or a patch is missing.
 const NOWHERE: u32 = u32::MAX;
 
 /// Patches of a triangulation, and the symbolic factorisation of the coarse matrix.
@@ -113,8 +114,8 @@ impl Coarse {
         Ok(symbolic.map(|symbolic| Self { starts, weights, members_of, members, rows, columns, symbolic }))
     }
 
-    /// Returns the factor of the coarse matrix, given the blocks of the Hessian and the [`turns`] of each vertex;
-    /// `None` if the matrix isn't positive definite.
+    /// Returns the Cholesky factor of the coarse matrix, given the blocks of the Hessian and the [`turns`] of each
+    /// vertex; `None` if the matrix isn't positive definite.
     pub(crate) fn factor(
         &self,
         pattern: &Pattern,
@@ -138,7 +139,8 @@ impl Coarse {
         self.symbolic.factor(&self.rows, &self.columns, values, monitor)
     }
 
-    /// Computes a row of the coarse matrix. `places` is scratch memory, which is restored before returning.
+    /// Computes the 3 x 3 blocks in one patch's row of the coarse matrix. `places` is scratch memory, which is restored
+    /// before returning.
     fn row(
         &self,
         k: usize,
@@ -212,7 +214,7 @@ pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
 fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
     let n = pattern.rows();
     let mut found = Vec::with_capacity(3 * n);
-    // The last patch that has reached each vertex.
+    // For each vertex, the last patch that has reached it.
     let mut reached = vec![NOWHERE; n];
     let (mut shell, mut next) = (Vec::new(), Vec::new());
     let mut patch = 0;
@@ -251,7 +253,7 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::bipyramid;
 
-    /// Returns the number of blocks in the coarse matrix of a bipyramid, divided by the number of its sides.
+    /// Returns the number of blocks in the coarse matrix of a bipyramid, divided by the bipyramid's number of sides.
     fn blocks(sides: u32) -> f64 {
         let pattern = Pattern::new(sides as usize + 2, &bipyramid(sides).faces);
         let coarse = Coarse::new(&pattern, &Silent).unwrap().unwrap();

@@ -1,15 +1,16 @@
-//! Maps a surface to the sphere with least angle distortion. Among the maps of least angle distortion, selects the map
-//! of least area distortion.
+//! Maps a surface to the sphere with the least possible angle distortion. Among the maps with this angle distortion,
+//! selects the one with the least area distortion.
 //!
-//! The energy is the harmonic energy of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided by the area, triangle
-//! by triangle (K. Hormann and G. Greiner, MIPS, 2000). On a smooth surface both energies have the same minimum. Unlike
-//! the harmonic energy, the energy used here is infinite if a triangle flips. The energy is invariant under Moebius
-//! transformations of the sphere. Each Moebius transformation is a rotation followed by a boost (see [`boost`]). The
-//! boost is chosen to minimise the mean squared log area ratio.
+//! The energy is the harmonic energy of X. Gu et al. (IEEE Trans. Med. Imaging 23, 2004) divided, in each triangle, by
+//! the ratio of the triangle's area on the sphere to its area on the surface (K. Hormann and G. Greiner, MIPS, 2000).
+//! On a smooth surface both energies have the same minimum. Unlike the harmonic energy, the energy used here is
+//! infinite if a triangle flips. The energy is invariant under Moebius transformations of the sphere. Each Moebius
+//! transformation is a rotation followed by a boost (see [`boost`]). The boost is chosen to minimise the mean squared
+//! log area ratio.
 //!
-//! A conformal map shrinks the end of an arm exponentially with the arm's length. The optimisation approaches the
-//! conformal map by lowering the weight of equal areas from stage to stage. The optimisation stops before triangles
-//! become too small for 64-bit numbers.
+//! A conformal map shrinks the end of an arm exponentially with the arm's length. The optimisation therefore adds a
+//! term that keeps areas equal, lowers the weight of this term from stage to stage, and stops before triangles become
+//! too small for 64-bit numbers.
 
 use std::time::Instant;
 
@@ -25,7 +26,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, dot, orientation, scale, solid_angle, sub, unit};
 use crate::report::{Parametrization, Warning};
 
-/// Weight of equal areas in the energy, by stage.
+/// Weight of the energy's equal-area term, for each stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
 /// Number of final rounds. Each round applies the best boost and then minimises the conformal energy.
@@ -75,8 +76,8 @@ pub fn conformal(
     Ok(found)
 }
 
-/// Applies a boost, the Moebius transformation given by a vector c, |c| < 1: areas in the direction of c expand, and
-/// areas on the opposite side contract.
+/// Applies a boost to the point x of the unit sphere. A boost is the Moebius transformation given by a vector c with
+/// |c| < 1: it expands areas in the direction of c, and contracts areas on the opposite side.
 fn boost(c: Vec3, x: Vec3) -> Vec3 {
     let d = sub(x, c);
     unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))
@@ -106,8 +107,8 @@ fn distortion(domain: &Domain, map: &[Vec3], c: Vec3) -> f64 {
     sums.iter().sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Applies the [`boost`] of least area distortion among the boosts that flip no triangle. Returns `false` if flipped
-/// triangles prevented a boost of still less distortion.
+/// Applies the [`boost`] of least area distortion among the boosts that flip no triangle. Returns `false` if a boost
+/// with even less distortion exists but would flip triangles.
 fn centre(domain: &Domain, map: &mut [Vec3], monitor: &dyn Monitor) -> Result<bool, Interrupted> {
     let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mut blocked = false;

@@ -1,7 +1,8 @@
-//! Deforms an icosphere onto the surface (after M. Chung and S. Robbins).
+//! Deforms an icosphere onto a surface (after M. Chung and S. Robbins).
 //!
-//! The result is a surface with the icosphere's vertices and triangles. Vertices with the same index correspond across
-//! surfaces, so the subjects of a study share a sampling. Springs keep the triangles close to equilateral.
+//! The result has the shape of the given surface and the triangulation of the icosphere. Vertices with the same index
+//! correspond across surfaces, so the subjects of a study share a sampling. Springs keep the triangles close to
+//! equilateral.
 //!
 //! # Method
 //!
@@ -16,9 +17,9 @@
 //! 1. The vertices of a coarse icosphere take the positions that the map gives them.
 //! 2. In sweeps, each vertex is displaced by its forces and projected to the nearest point of the surface. The map
 //!    gives the vertex's new position on the sphere. The move is made only if all triangles around the vertex stay
-//!    positively oriented on the sphere, by an exact predicate, and well shaped on the surface. The mesh therefore
-//!    winds around the surface exactly once, and no vertex jumps to another sheet of a fold that is near in space but
-//!    far along the surface.
+//!    positively oriented on the sphere, as verified by an exact predicate, and well shaped on the surface. The mesh
+//!    therefore winds around the surface exactly once, and no vertex jumps to another sheet of a fold that is near in
+//!    space but far along the surface.
 //! 3. Each triangle is split in four at the midpoints of its edges on the sphere, and step 2 is repeated.
 //!
 //! The forces on vertex i with neighbours j are as follows. l_ij is the length of a path on the surface: the image of
@@ -26,7 +27,7 @@
 //! which the path leaves i.
 //!
 //! - *stretch*: mean over j of (l_ij - L_ij) t_ij, springs of rest length L_ij. L_ij is the icosphere's own edge
-//!   length, scaled by the square root of the ratio of the areas.
+//!   length, scaled by the square root of the ratio of the surface's area to the unit sphere's.
 //! - *bending*: U_i - mean of U_j, with U_i = mean over j of l_ij t_ij. This force smooths changes of the spacing. It
 //!   doesn't change the shape: vertices are projected back onto the surface, so only the tangential part of a force
 //!   moves them.
@@ -81,10 +82,10 @@ impl Default for DeformParams {
 
 /// Largest number of subdivisions. An icosphere with this number has 10 million vertices.
 const MOST: u32 = 10;
-/// Number of subdivisions of the coarsest level.
+/// Number of subdivisions of the icosphere at the coarsest level.
 const COARSEST: u32 = 3;
-/// Smallest shape measure (see [`Level::shape`]) that a move may cause. A triangle whose shape measure is already
-/// smaller must not get worse. Without this limit, springs under pressure would flatten triangles.
+/// Smallest shape measure (see [`Level::shape`]) that a triangle may have after a move. A triangle whose shape measure
+/// is already smaller must not get worse. Without this limit, springs under pressure would flatten triangles.
 const SHAPE: f64 = 0.4;
 /// Largest number of rounds that smooth the mesh around intersecting triangles.
 const ROUNDS: usize = 30;
@@ -164,10 +165,10 @@ fn pieces(splits: u32) -> u32 {
     2 << splits.min(6)
 }
 
-/// The mesh at one level.
+/// The mesh at one level of subdivision.
 struct Level {
     positions: Vec<Vec3>,
-    /// The vertices' positions on the sphere, given by the map; all triangles are positively oriented.
+    /// The vertices' positions on the sphere, as given by the map. All triangles are positively oriented there.
     on_sphere: Vec<Vec3>,
     rings: Rings,
     /// Rest lengths of the springs, in the order of the neighbours in `rings`.
@@ -226,7 +227,8 @@ impl Level {
         Ok(())
     }
 
-    /// Returns the path to each neighbour of a vertex, as its length times its initial direction.
+    /// Returns, for each neighbour of a vertex, the length of the path to the neighbour times the path's initial
+    /// direction.
     fn paths(&self, v: usize, ground: &Ground<'_>) -> Vec<Vec3> {
         let to = |&w: &u32| {
             let pair = |points: &[Vec3]| [points[v], points[w as usize]];

@@ -1,7 +1,7 @@
 //! Evaluates the integrands F(q, r) of the energies, with their first and second derivatives. `energy.rs` defines q and
 //! r.
 
-/// An integrand F; `at` returns F, F_q, F_r, F_qq, F_qr, F_rr.
+/// An integrand F. The function `at` returns F and its partial derivatives: F, F_q, F_r, F_qq, F_qr, F_rr.
 pub(crate) trait Density: Copy {
     fn at(self, q: f64, r: f64) -> [f64; 6];
 }
@@ -18,7 +18,7 @@ impl Density for Balanced {
     #[inline(always)]
     fn at(self, q: f64, r: f64) -> [f64; 6] {
         let s = 1.0 / r;
-        // First and second derivative of the polynomial `shape x + bound x^3` at x = q / r.
+        // First and second derivatives of the polynomial `shape x + bound x^3` at x = q / r.
         let x = q * s;
         let slope = self.shape + 3.0 * self.bound * x * x;
         let bend = 6.0 * self.bound * x;

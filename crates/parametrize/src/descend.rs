@@ -1,4 +1,5 @@
-//! Builds a map and minimises a sequence of energies over it; shared by all methods for meshes.
+//! Builds an initial map and then minimises a sequence of energies, starting from this map. All methods for meshes use
+//! this code.
 
 use std::time::Instant;
 
@@ -15,14 +16,15 @@ use crate::newton::Newton;
 use crate::report::Parametrization;
 use crate::star::{Classes, sweep};
 
-/// The monitor's stage for [`Descent::descend`], counted in Newton steps. The number of steps isn't known in advance.
+/// The stage that [`Descent::descend`] reports to the monitor, counted in Newton steps. The number of steps isn't known
+/// in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
 /// If less than this fraction of a Newton step is taken, single vertices probably block the step. A sweep over single
 /// vertices then helps more than another Newton step.
 const BLOCKED: f64 = 0.2;
 
-/// A map under optimisation.
+/// A map that is being optimised.
 pub(crate) struct Descent {
     /// The current map: a unit vector per vertex, such that no triangle is flipped.
     pub(crate) map: Vec<Vec3>,
@@ -44,7 +46,7 @@ impl Descent {
     }
 
     /// Minimises an energy. Stops after `steps` steps, or when another step is estimated to lower the energy by less
-    /// than `tolerance` times the energy's excess over that of an isometry.
+    /// than `tolerance` times the amount by which the energy exceeds that of an isometry.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,

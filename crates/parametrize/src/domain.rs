@@ -1,4 +1,5 @@
-//! Checks a surface and brings it into the form that the methods expect: wound outwards, with area 4 pi.
+//! Checks a surface, and brings it into the form that the mapping methods expect: triangles wound outwards, and a total
+//! area of 4 pi.
 
 use spharm_monitor::{Monitor, number};
 use spharm_surface::Mesh;
@@ -14,8 +15,8 @@ use crate::trial::mending;
 /// Largest number of handles for which an error message lists the lengths of the loops.
 const MOST_LOOPS: usize = 5;
 
-/// Largest number of vertices of a mesh whose loops are computed for an error message. At this size the computation
-/// takes a second.
+/// Largest number of vertices of a mesh whose loops are computed for an error message. For a mesh of this size,
+/// computing the loops takes a second.
 const MOST_VERTICES: usize = 50_000;
 
 /// A closed surface of genus zero without defects.
@@ -36,8 +37,8 @@ impl Domain {
     /// # Errors
     ///
     /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
-    /// [`ParametrizeError::BadSurface`] if the mesh has handles or defects (the error contains all problems found and,
-    /// if a repair would succeed, the repair); [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::BadSurface`] if the mesh has handles or defects (the error lists all problems found and, if
+    /// a repair would succeed, the changes that the repair would make); [`ParametrizeError::Interrupted`].
     pub(crate) fn new(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let scaled = scaled_meshes([mesh]);
         let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
@@ -67,7 +68,7 @@ impl Domain {
     }
 }
 
-/// Rejects meshes that have handles or defects. The coordinates of `mesh` have been divided by 2^exponent.
+/// Rejects meshes that have handles or defects. The coordinates of `mesh` were divided by 2^exponent.
 fn check(mesh: &Mesh, exponent: i32, monitor: &dyn Monitor) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
     let handles = found.handles();

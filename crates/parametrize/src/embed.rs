@@ -4,9 +4,9 @@
 //! The [`Hierarchy`] is coarsened to a tetrahedron, which is placed on the sphere as a regular tetrahedron. Then the
 //! vertices are reinserted in reverse order, each inside the kernel of the ring of its neighbours: the region from
 //! which the entire ring is visible. The kernel is never empty, since the entire ring is visible from the neighbour
-//! that the vertex was collapsed into. Then the vertex and its neighbours are relaxed. Whenever the number of vertices
-//! has doubled, sweeps and Newton steps optimise the entire map. Large features therefore get their areas while only a
-//! few vertices have to be moved.
+//! that the vertex was collapsed into. Then the vertex and its neighbours are relaxed, that is, moved to lower the
+//! energy. Whenever the number of vertices has doubled, sweeps and Newton steps optimise the entire map. Large features
+//! of the surface therefore reach their final areas early, when only few vertices have to be moved.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -29,7 +29,7 @@ pub(crate) struct Growth {
     pub(crate) seed: u64,
 }
 
-/// Newton steps pay off on meshes with at least this number of vertices. On smaller meshes, sweeps suffice.
+/// Newton steps are taken on meshes with at least this number of vertices. On smaller meshes, sweeps suffice.
 const NEWTON_FROM: usize = 100;
 
 /// Once the mesh has this number of vertices, further vertices are reinserted in groups, in parallel.
@@ -38,7 +38,8 @@ const GROUPS_FROM: usize = 1000;
 /// Number of vertices between checks of the monitor.
 const CHUNK: usize = 64;
 
-/// Maps a closed surface of area 4 pi. Returns the map, the number of Newton steps, and the fully refined hierarchy.
+/// Maps a closed surface of area 4 pi to the sphere. Returns the map, the number of Newton steps, and the fully refined
+/// hierarchy.
 pub(crate) fn embed(
     positions: &[Vec3],
     faces: &[[u32; 3]],
@@ -140,7 +141,7 @@ fn insert(hierarchy: &Hierarchy, map: &mut [Vec3], v: u32, into: u32, energy: En
     Ok(())
 }
 
-/// Optimises the map of one level of the hierarchy approximately. Returns the number of Newton steps.
+/// Approximately optimises the map at one level of the hierarchy. Returns the number of Newton steps.
 fn settle(
     hierarchy: &Hierarchy,
     map: &mut [Vec3],

@@ -1,4 +1,5 @@
-//! Rejects repaired meshes that enclose no body: one-sided surfaces, and sheets closed by filling their rim.
+//! Rejects repaired meshes that enclose no body: one-sided surfaces, and open sheets that became closed only because
+//! their rim was filled.
 
 use spharm_surface::Mesh;
 use spharm_surface::repair::{MeshRepair, WELDING_DISTANCE, repair, rims};
@@ -16,15 +17,15 @@ const FILLED: f64 = 0.4;
 /// and 0 for a sheet.
 const COMPACT: f64 = 0.005;
 
-/// If more than this share of a mesh's area is outside of its largest piece, the mesh is treated as several pieces,
-/// which [`check_one_piece`] accepts without a check.
+/// If more than this share of a mesh's area is outside of its largest piece, the mesh is treated as several pieces.
+/// [`check_one_piece`] accepts such a mesh without further checks.
 const SPECKS: f64 = 0.05;
 
 /// A mesh whose largest piece is a sheet is rejected. If more than this share of the mesh's area is outside of that
 /// piece, the error states that the mesh consists of separate pieces, and not that it is a sheet.
 const REST: f64 = 0.5;
 
-/// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Several
+/// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has only one side. Several
 /// sheets are accepted, because together they may be the sides of a body. A closed surface with one side passes through
 /// itself. Such a surface is accepted, because a wrap around it encloses a body.
 ///
@@ -104,7 +105,7 @@ fn has_short_rim(mesh: &Mesh) -> bool {
     disk < FILLED * (area(mesh) + disk)
 }
 
-/// Returns the length of the edges that belong to one triangle only.
+/// Returns the total length of the edges that belong to only one triangle.
 fn rim_length(mesh: &Mesh) -> f64 {
     let mut edges: Vec<[u32; 2]> = mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     edges.iter_mut().for_each(|edge| edge.sort_unstable());
@@ -114,7 +115,7 @@ fn rim_length(mesh: &Mesh) -> f64 {
     alone.map(length).sum()
 }
 
-/// Returns the share of a sheet's area that consists of filled holes, after the `open` rims have been filled, too.
+/// Returns the share of a sheet's area that consists of filled holes, including the `open` rims, which are filled here.
 /// Returns `None` if the mesh isn't a sheet.
 fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Option<f64> {
     if open.is_empty() && found.filled_area < FILLED {
@@ -133,7 +134,7 @@ fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Opt
     (compactness < COMPACT).then_some(filled)
 }
 
-/// Returns a mesh of fans of triangles that fill the rims, each fan around the mean of its rim's vertices. The vertices
+/// Returns a mesh whose triangles fill the rims: one fan per rim, around the mean of the rim's vertices. The vertices
 /// of `mesh` come first.
 fn fans(mesh: &Mesh, rims: &[Vec<u32>]) -> Mesh {
     let mut fans = Mesh::new(mesh.vertices.clone(), Vec::new());
@@ -157,7 +158,7 @@ mod tests {
     use super::*;
     use crate::{CaldParams, Input, defects, parametrize};
 
-    /// Returns a grid of n x n squares, with two triangles each.
+    /// Returns a grid of n x n squares of two triangles each, with the given height at each point.
     fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
         let at = |k: u32| (f64::from(k / (n + 1)), f64::from(k % (n + 1)));
         let vertices = (0..(n + 1) * (n + 1)).map(at).map(|(x, y)| [x, y, height(x, y)]).collect();
@@ -166,7 +167,7 @@ mod tests {
         Mesh::new(vertices, faces)
     }
 
-    /// Returns the part of a ball above a height.
+    /// Returns the part of a unit sphere above the given height, an open cap.
     fn cap(height: f64) -> Mesh {
         let mut cap = icosphere(4);
         let high = |face: &[u32; 3]| face.iter().all(|&v| cap.vertices[v as usize][2] > height);

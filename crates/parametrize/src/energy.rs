@@ -1,7 +1,8 @@
 //! Defines the energies that maps minimise.
 //!
-//! A triangle of the surface with area A (the areas sum to 4 pi) maps to a spherical triangle of solid angle W. Let s1
-//! >= s2 be the singular values of the linear map between the flat triangles,
+//! A triangle of the surface with area A (the areas sum to 4 pi) maps to a spherical triangle of solid angle W. Let
+//! s1 and s2, with s1 >= s2, be the singular values of the linear map from the flat triangle on the surface to the flat
+//! triangle with the same corners as the spherical triangle, and let
 //!
 //! ```text
 //! q = (s1^2 + s2^2) / 2 = sum over corners of cot(angle) |opposite edge on the sphere|^2 / (4 A)
@@ -18,8 +19,9 @@
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
 //! a, b, c and e are the fields `area`, `shape`, `bound` and `shrink` of [`Energy`]. Each energy goes to infinity as a
-//! triangle loses its area, so a descent from a map without flipped triangles never flips one. Cotangents don't depend
-//! on scale, so a triangle of a coarsened mesh can be assigned a larger area than its own.
+//! triangle's area on the sphere goes to zero, so a descent from a map without flipped triangles never flips one.
+//! Cotangents don't depend on scale, so in a coarsened mesh, a triangle can be assigned a larger area than its own
+//! without changing its cotangents.
 
 use crate::density::Density;
 use crate::geometry::{Vec3, add, norm, sub};
@@ -64,10 +66,10 @@ impl Shape {
     }
 }
 
-/// Smallest area assigned to a triangle, relative to the mean. A smaller area would have no effect on the map.
+/// Smallest area assigned to a triangle, relative to the mean area. A smaller area would have no effect on the map.
 const LEAST_AREA: f64 = 1e-7;
 
-/// Returns the smallest area assigned to a triangle of a mesh of `triangles` triangles.
+/// Returns the smallest area assigned to a triangle in a mesh of `triangles` triangles.
 pub(crate) fn least_area(triangles: usize) -> f64 {
     LEAST_AREA * 4.0 * std::f64::consts::PI / triangles as f64
 }

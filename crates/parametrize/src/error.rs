@@ -11,7 +11,7 @@ use crate::mending::Mending;
 use crate::volume::ImageChoice;
 use crate::wrap::limits::VOXELS;
 
-/// Errors of parameterisation.
+/// Errors of this crate's functions.
 ///
 /// Each message is one line that says what was expected, what was found and, where possible, what to do.
 #[derive(Debug, thiserror::Error)]
@@ -37,7 +37,7 @@ pub enum ParametrizeError {
     /// closed surface of genus zero.
     #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
     InvalidMesh {
-        /// Description of the problem, with its number of occurrences.
+        /// Description of the problem, including how often it occurs.
         problems: String,
         /// Advice to the user.
         remedy: &'static str,
@@ -46,8 +46,7 @@ pub enum ParametrizeError {
     /// The map isn't one to one: it has folds.
     #[error(
         "the {method} map to the sphere is not one to one: {flipped} of {triangles} triangles are flipped and \
-         {degenerate} have no \
-         area; {remedy}"
+         {degenerate} have no area; {remedy}"
     )]
     NotBijective {
         /// Name of the method that made the map.
@@ -58,11 +57,11 @@ pub enum ParametrizeError {
         degenerate: usize,
         /// Number of all triangles.
         triangles: usize,
-        /// Advice to the user on the folds.
+        /// Advice to the user on how to avoid the folds.
         remedy: &'static str,
     },
 
-    /// A vertex can't be placed on the sphere: the triangles around it are smaller than f64 resolves.
+    /// A vertex can't be placed on the sphere: the triangles around it are too small for the precision of f64.
     #[error(
         "vertex {vertex} (counted from 0) can't be placed on the sphere: the triangles around it are too small for \
          64-bit numbers; repair the thin triangles there, or remesh the surface"
@@ -172,7 +171,7 @@ pub enum ParametrizeError {
         vertices: usize,
     },
 
-    /// The volume doesn't have the chosen label, or it has several labels and none was chosen.
+    /// The volume doesn't contain the chosen label, or it contains several labels and none was chosen.
     #[error(
         "{}: {}; the volume's labels: {there}",
         path.display(),
@@ -183,7 +182,7 @@ pub enum ParametrizeError {
         path: PathBuf,
         /// The chosen label, if any.
         label: Option<i64>,
-        /// The labels of the volume, with their numbers of voxels.
+        /// List of the volume's labels, with the number of voxels of each.
         there: String,
     },
 
@@ -200,17 +199,17 @@ pub enum ParametrizeError {
         label: i64,
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// Number of handles, which can be cut if the label has no other problems.
+        /// Number of handles. They can be cut if the label has no other problems.
         handles: usize,
         /// Whether a repair can turn the label into one ball.
         repairable: bool,
     },
 
-    /// An error of `spharm-surface`.
+    /// An error from the crate `spharm-surface`.
     #[error(transparent)]
     Surface(SurfaceError),
 
-    /// An error of the least-squares fit that adapts the areas.
+    /// An error from the least-squares fit whose residual determines how areas are adapted.
     #[error(transparent)]
     Solver(#[from] spharm_solver::SolverError),
 
@@ -256,7 +255,7 @@ pub enum ParametrizeError {
     /// A mesh to be wrapped has a vertex so far away that the rest of the mesh spans too few voxels of the grid.
     #[error(
         "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest spans {} of the \
-         {voxels} voxels along the longest side, expected at least 8; remove this vertex and its triangles{}",
+         {voxels} voxels along the longest side, but at least 8 are needed; remove this vertex and its triangles{}",
         position.map(number).join(", "), number(*rest),
         enough.map(|enough| format!(", or use at least {enough} voxels")).unwrap_or_default()
     )]
@@ -286,9 +285,9 @@ pub enum ParametrizeError {
 
     /// The mesh is an open sheet: closing it gives a surface without volume.
     #[error(
-        "not a closed surface: the mesh is an open sheet with a rim as large as the sheet; a filling of the rim would \
-         make up {:.0} % of the area, and the filled surface would enclose no volume; use a surface that encloses a \
-         body",
+        "not a closed surface: the mesh is an open sheet with a rim as large as the sheet; the filling of the rim \
+         would make up {:.0} % of the total area, and the filled surface would enclose no volume; use a surface that \
+         encloses a body",
         100.0 * *filled
     )]
     OpenSheet {
@@ -312,11 +311,11 @@ pub enum ParametrizeError {
     NoRoomToWrap {
         /// Number of voxels along the longest side.
         voxels: usize,
-        /// Number of bytes needed and number of bytes free.
+        /// The number of bytes needed and the number of bytes free.
         room: spharm_surface::io::NoRoom,
     },
 
-    /// An argument out of its range.
+    /// An argument has a value that isn't accepted.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
         /// Name of the argument.

@@ -1,16 +1,17 @@
 //! Fills in missing vertex values from the known values around them.
 //!
 //! The filled values are harmonic on the graph of the mesh's edges: each value is the mean of its neighbours' values,
-//! and is between the smallest and the largest known value around the gap. Without filled values, a least-squares model
-//! of high degree isn't determined inside the gap and can oscillate there without bound.
+//! and lies between the smallest and the largest known value at the border of its gap. Without filled values, a
+//! least-squares model of high degree isn't determined inside a gap (a region of vertices without values) and can
+//! oscillate there without bound.
 
 use spharm_monitor::Monitor;
 
 use crate::ParametrizeError;
 use crate::sparse_cholesky::Symbolic;
 
-/// Marks a vertex with a known value in the list `places`. For the other vertices, this list has the index of the
-/// vertex's unknown in the linear system.
+/// Marks a vertex with a known value in the list `places`. For each of the other vertices, the list contains the index
+/// of the vertex's unknown in the linear system.
 const KNOWN: u32 = u32::MAX;
 
 /// Fills in the values of the vertices for which `known` (n) is false. `values` (n, `channels`) is row-major; its

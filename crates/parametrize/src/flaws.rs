@@ -7,13 +7,13 @@ use spharm_surface::topology::Topology;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, area, norm, sub};
 
-/// Largest distance of a vertex from the middle of a mesh, as a multiple of the median distance. The triangles of a
-/// mesh with a vertex farther away are too small for the map.
+/// Largest distance of a vertex from the middle of a mesh, as a multiple of the median distance. If a vertex lies
+/// farther away, the other triangles are too small, relative to the whole mesh, for the map.
 const FARTHEST: f64 = 1e12;
 
 /// Defects of a mesh.
 pub(crate) struct Flaws {
-    /// Phrases that describe the problems, except for handles.
+    /// Phrases that describe the problems, one each; handles aren't included.
     pub(crate) problems: Vec<String>,
     /// Advice to the user on the problems.
     pub(crate) remedy: &'static str,

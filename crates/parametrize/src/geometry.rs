@@ -1,4 +1,4 @@
-//! Three-vector operations used in this crate, and areas of triangles.
+//! Provides operations on 3-vectors, and the area of a triangle.
 
 pub(crate) use spharm_surface::geometry::{Vec3, add, cross, dot, orientation, scale, solid_angle, sub};
 

@@ -2,15 +2,15 @@
 //! Hoppe, SIGGRAPH 1996).
 //!
 //! A collapse v -> u removes vertex v: the two triangles on edge vu vanish, and the other triangles around v get u in
-//! place of v. A collapse is allowed if u and v have exactly two common neighbours, because the mesh then remains a
-//! sphere. A triangulated sphere of more than four vertices always has an edge that can be collapsed (E. Steinitz), so
-//! the tetrahedron is always reached.
+//! place of v. A collapse is allowed if u and v have exactly two common neighbours, because the mesh then remains
+//! topologically a sphere. A triangulated sphere of more than four vertices always has an edge that can be collapsed
+//! (E. Steinitz), so the tetrahedron is always reached.
 //!
 //! The order of collapses aims at well-shaped coarse meshes, not at similarity to the surface. The next vertex to be
 //! removed is the vertex whose removal leaves the smallest and roundest triangles at vertices of low valence. The area
-//! around a removed vertex is distributed over the triangles that replace it, so each coarse mesh carries the entire
-//! surface's area in the right places. A map that equalises areas therefore reserves the area of an arm before the
-//! arm's vertices are inserted.
+//! around a removed vertex is distributed over the triangles that replace it, so the areas of a coarse mesh sum to that
+//! of the entire surface, and each part of the surface roughly keeps its area. A map that equalises areas therefore
+//! reserves the area of an arm before the arm's vertices are inserted.
 //!
 //! Cost: O(n log n). A heap orders the vertices by cost, and a cost is recomputed when its vertex reaches the top.
 //! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices with many triangles aren't
@@ -40,7 +40,7 @@ pub(crate) struct Hierarchy {
     pub(crate) around: Vec<Vec<u32>>,
     hubs: Hubs,
     collapses: Vec<Collapse>,
-    /// Number of vertices that aren't removed.
+    /// Number of vertices that currently aren't removed.
     pub(crate) present: usize,
 }
 
@@ -53,7 +53,7 @@ pub(crate) struct Collapse {
     faces: Vec<(u32, [u32; 3], Shape)>,
 }
 
-/// A vertex's cost and index. Ordered by cost, which is finite, then by index.
+/// A vertex's cost of removal (finite) and index. Ordered by cost, then by index.
 #[derive(PartialEq)]
 struct Entry(f64, u32);
 
@@ -132,7 +132,7 @@ impl Hierarchy {
         self.hubs.is_neighbour(v, w).unwrap_or_else(look)
     }
 
-    /// Collapses vertices until a tetrahedron is left, reporting each as a step to the monitor. Returns the
+    /// Collapses vertices until a tetrahedron is left, and reports each collapse to the monitor as a step. Returns the
     /// tetrahedron's vertices: the three corners of one triangle, then the opposite vertex.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
@@ -182,8 +182,8 @@ impl Hierarchy {
         [face[0], face[1], face[2], apex]
     }
 
-    /// Returns the cost of removing a vertex, and the neighbour to collapse it into. `None` if it can't be removed, or
-    /// has more than [`HUB`] triangles.
+    /// Returns the cost of removing a vertex, and the neighbour to collapse it into. `None` if the vertex can't be
+    /// removed, or belongs to more than [`HUB`] triangles.
     fn best(&self, v: u32) -> Option<(f64, u32)> {
         if self.around[v as usize].len() > HUB {
             return None;
@@ -227,8 +227,8 @@ impl Hierarchy {
             || faces[2..].iter().map(|&(f, corners, _)| (f, corners.map(|w| if w == vertex { into } else { w })));
         let flat = |corners: [u32; 3]| corners.map(|w| self.positions[w as usize]);
         let sum: f64 = kept().map(|(_, corners)| area(flat(corners))).sum();
-        // A tenth of the area is distributed evenly. Otherwise a triangle that is thin in space would get no area on
-        // the sphere.
+        // A tenth of the area is distributed evenly over the triangles. Otherwise a triangle that is thin in space
+        // would get no area on the sphere.
         let even = 0.1 / (faces.len() - 2) as f64;
         let new: Vec<_> = kept()
             .map(|(f, corners)| {

@@ -78,7 +78,7 @@ impl Hubs {
         }
     }
 
-    /// Removes triangle f with the given corners from a vertex's list. The order of a list without index is
+    /// Removes triangle f with the given corners from a vertex's list. If the list has no index, its order is
     /// preserved.
     pub(crate) fn remove(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, corners: [u32; 3]) {
         let Some(hub) = self.0.get_mut(&vertex) else {
@@ -97,7 +97,7 @@ impl Hubs {
         }
     }
 
-    /// Records that in a triangle of `vertex`, corner `from` was replaced by `to`.
+    /// Records that the corner `from` of one of the triangles around `vertex` was replaced by `to`.
     pub(crate) fn rename(&mut self, vertex: u32, from: u32, to: u32) {
         if let Some(hub) = self.0.get_mut(&vertex) {
             hub.leaves(from);
@@ -110,7 +110,7 @@ impl Hubs {
         self.0.remove(&vertex);
     }
 
-    /// Returns whether a hub has a triangle in common with a vertex; `None` if `hub` isn't a hub.
+    /// Returns whether the vertex `hub` has a triangle in common with `vertex`; `None` if `hub` isn't a hub.
     pub(crate) fn is_neighbour(&self, hub: u32, vertex: u32) -> Option<bool> {
         self.0.get(&hub).map(|hub| hub.neighbours.contains_key(&vertex))
     }

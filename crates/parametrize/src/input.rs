@@ -17,7 +17,7 @@ use crate::trial::{Repaired, repaired, with_mending};
 use crate::volume::{Repair, VolumeSurface};
 use crate::wrap::wrap;
 
-/// A surface from a file, after the changes made to it.
+/// A surface from a file, with the changes that were made to it.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// A mesh.
@@ -30,7 +30,7 @@ pub enum Input {
     Label(VolumeSurface),
 }
 
-/// The kind of a surface whose handles were cut.
+/// The kind of surface from which a surface with cut handles was made.
 #[derive(Clone, Debug)]
 pub enum Given {
     /// A mesh.
@@ -110,7 +110,7 @@ impl Input {
         Ok(Self::Fixed(outer, repair))
     }
 
-    /// Returns the changes made by the repair of a mesh; `None` if no mesh was repaired.
+    /// Returns the changes that a repair made to a mesh; `None` if no mesh was repaired.
     #[must_use]
     pub fn mesh_repair(&self) -> Option<&MeshRepair> {
         if let Self::Fixed(_, repair) | Self::Cut(_, Given::Fixed(repair)) = self { Some(repair) } else { None }
@@ -159,7 +159,7 @@ impl Input {
     }
 }
 
-/// Returns the error of a repair that makes a two-sided mesh one-sided.
+/// Returns the error for a repair that makes a two-sided mesh one-sided.
 fn joined_with_a_twist(repair: &MeshRepair) -> ParametrizeError {
     let changes = repair.changes();
     ParametrizeError::BadSurface {
@@ -193,7 +193,7 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
-    /// Number of bytes needed to resample a surface, per vertex of the sampling.
+    /// Number of bytes per vertex of the sampling that are needed to resample a surface.
     pub const BYTES_PER_VERTEX: u64 = 700;
 
     /// Estimates the number of bytes needed to resample a surface on this sampling, including the sphere, its search

@@ -1,9 +1,9 @@
 //! Maps closed surfaces to the sphere, one to one.
 //!
 //! A SPHARM model is fitted over a map from the surface to the sphere, and can only be as good as that map. If the map
-//! compresses a part of the surface, few samples lie on that part, and high degrees are wasted elsewhere. This crate
-//! computes such maps. Every method returns either a one-to-one map, verified by an exact predicate on each spherical
-//! triangle, or an error.
+//! compresses a part of the surface, few samples lie on that part, and the model's high degrees describe other parts,
+//! which don't need them. This crate computes such maps. Every method returns either a one-to-one map, verified by an
+//! exact predicate on each spherical triangle, or an error.
 //!
 //! # Example
 //!
@@ -51,7 +51,7 @@
 //! | [`equal_area()`] | equal areas for the surface of a voxel object (Brechbuehler et al. 1995) |
 //! | [`resample()`] | resamples a surface on another sampling of its sphere |
 //! | [`handles`] | cuts and fills surfaces with handles, so that they have genus zero |
-//! | [`Method`] | a method with its settings, as a value |
+//! | [`Method`] | an enum with one variant per method, each containing the method's settings |
 //! | [`fill_in()`] | fills in missing values from the values around them |
 //! | [`Input`] | a mesh or a label's surface from a file |
 //! | [`wrap()`] | the closed surface around a mesh of any kind |

@@ -29,10 +29,11 @@
 use crate::angle::atan2_upper;
 use crate::density::Density;
 
-/// Number of results per triangle: the value (1), the gradient (6) and the lower half of the Hessian by rows (21).
+/// Number of results per triangle: the energy (1), the gradient (6) and the lower half of the Hessian by rows (21).
 pub(crate) const NUMBERS: usize = 28;
 
-/// Number of inputs of a triangle's derivatives: three corners, three cotangents, an area.
+/// Number of inputs from which a triangle's derivatives are computed: the coordinates of three corners (9), three
+/// cotangents and an area.
 pub(crate) const INPUTS: usize = 13;
 
 type Vec3 = [f64; 3];
@@ -202,8 +203,8 @@ fn gradient(half: f64, w: f64, [b, c]: [Vec3; 2], bc: Vec3, lengths: Vec3, t: &T
     add(scale(lengths, half), scale(sub(scale(cross(b, bc), t.rest), scale(add(b, c), t.volume)), w))
 }
 
-/// Returns one triangle's value, gradient and Hessian. For a flipped triangle the value is infinite and the derivatives
-/// are zero.
+/// Returns one triangle's energy, gradient and Hessian. For a flipped triangle the energy is infinite and the
+/// derivatives are zero.
 #[inline(always)]
 pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], area: f64) -> [f64; NUMBERS] {
     let [a, b, c] = p;
@@ -252,8 +253,8 @@ pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64
     numbers
 }
 
-/// Returns one triangle's value, and its gradient and Hessian (entries 00, 10 and 11) with respect to the two unknowns
-/// of the first corner. For a flipped triangle the value is infinite and the derivatives are zero.
+/// Returns one triangle's energy, and its gradient and Hessian (entries 00, 10 and 11) with respect to the two unknowns
+/// of the first corner. For a flipped triangle the energy is infinite and the derivatives are zero.
 #[inline(always)]
 pub(crate) fn corner_derivatives<D: Density>(
     density: D,

@@ -1,7 +1,7 @@
-//! Estimates the memory that each method needs.
+//! Estimates the memory that each mapping method needs.
 //!
-//! The memory is linear in the number of vertices, except for the model that adapts the areas. The samples of this
-//! model and the tables of its transform grow with the square of its degree.
+//! The memory is linear in the number of vertices, except for the model that adapts the areas. The memory for this
+//! model's samples and for the tables of its transform grows with the square of the model's degree.
 
 use spharm_surface::generate::icosphere_counts;
 
@@ -70,7 +70,7 @@ mod tests {
         let auto = |degree| Method::Auto(CaldParams { degree, ..CaldParams::default() });
         assert!(auto(None).bytes(10_242) > auto(Some(5)).bytes(10_242));
         assert!(auto(Some(5)).bytes(40_962) > 3 * auto(Some(5)).bytes(10_242));
-        // Both degrees are lowered to the largest degree that the vertices determine.
+        // Both degrees are lowered to the same degree: the largest that this number of vertices determines.
         assert_eq!(auto(Some(1000)).bytes(642), auto(Some(2000)).bytes(642));
         let deform = |subdivisions| Method::Deform {
             params: DeformParams { subdivisions, ..DeformParams::default() },

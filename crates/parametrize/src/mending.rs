@@ -1,14 +1,14 @@
-//! Describes the repair that would make a refused mesh a closed surface.
+//! Describes the repair that would turn a refused mesh into a closed surface.
 
 use std::fmt;
 
 use spharm_surface::repair::MeshRepair;
 
-/// A repair that makes a mesh a closed surface without defects, perhaps with handles.
+/// A repair that turns a mesh into a closed surface without defects, except that handles may remain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Mending {
-    /// The changes of the repair.
+    /// The changes that the repair makes.
     pub repair: MeshRepair,
     /// Number of handles of the repaired mesh.
     pub handles: usize,

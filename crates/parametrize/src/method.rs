@@ -1,4 +1,5 @@
-//! Represents the methods as values, for programs and bindings: one variant per method, with its settings.
+//! Defines an enum of the mapping methods and their settings, so that programs and bindings can choose a method at run
+//! time.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -14,7 +15,7 @@ use crate::report::Parametrization;
 use crate::stretch::{StretchParams, stretch};
 use crate::volume::QuadMesh;
 
-/// A surface to be mapped, of triangles or quadrangles.
+/// A surface to be mapped, made of triangles or of quadrangles.
 #[derive(Clone, Copy, Debug)]
 pub enum Source<'a> {
     /// Triangles.
@@ -35,7 +36,7 @@ impl<'a> From<&'a QuadMesh> for Source<'a> {
     }
 }
 
-/// A method of parameterisation and its settings.
+/// A method for mapping a surface to the sphere, with its settings.
 ///
 /// ```
 /// use spharm_monitor::Silent;

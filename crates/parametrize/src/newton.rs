@@ -1,11 +1,11 @@
 //! Minimises an energy by projected Newton steps that move all vertices of a mesh at once.
 //!
 //! Each vertex has two unknowns, in a frame of its tangent plane. The negative eigenvalues of each triangle's Hessian
-//! are raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The linear system, summed over
-//! triangles, is solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a
+//! are raised to zero (J. Teran et al., SCA 2005), by a formula in closed form (`local.rs`). The linear system, summed
+//! over triangles, is solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a
 //! Cholesky factorisation. A step is halved until it flips no triangle and decreases the energy sufficiently (Armijo).
-//! Newton steps reduce the low-frequency errors of stiff energies. Sweeps over single vertices would need about as many
-//! rounds as there are edges on a path across the mesh.
+//! Newton steps quickly reduce low-frequency errors, even of stiff energies. Sweeps over single vertices would need
+//! about as many rounds for this as there are edges on a path across the mesh.
 //!
 //! Sums are taken over chunks of fixed length in a fixed order, so the result has the same bits for any number of
 //! threads.
@@ -47,7 +47,8 @@ enum Solver {
 /// the next step.
 const SLOW: usize = 10;
 
-/// With at least this number of vertices, conjugate gradients are used, because they are faster than a factorisation.
+/// If the mesh has at least this number of vertices, conjugate gradients are used, because they are then faster than a
+/// factorisation.
 const MANY: usize = 2000;
 
 /// Relative shift of the diagonal before a factorisation. Without the shift the matrix could be singular, since
@@ -61,7 +62,7 @@ pub(crate) struct Step {
     pub(crate) before: f64,
     /// Energy after the step.
     pub(crate) after: f64,
-    /// Fraction of the Newton step that was taken. The value is 0 if no fraction decreased the energy.
+    /// Fraction of the Newton step that was taken; 0 if no fraction tried decreased the energy.
     pub(crate) taken: f64,
     /// Decrease of the energy that the energy's quadratic approximation predicts for the step taken.
     promised: f64,
@@ -78,7 +79,7 @@ impl Step {
 }
 
 impl Newton {
-    /// Prepares the matrices of a triangulation over the vertices 0..n.
+    /// Prepares the sparsity patterns and the solver for a triangulation over the vertices 0..n.
     ///
     /// Returns `None` if faer runs out of memory.
     pub(crate) fn new(
@@ -248,7 +249,8 @@ mod tests {
     use spharm_monitor::Silent;
     use spharm_surface::generate::{Cortex, cortex};
 
-    /// Returns a folded surface of 2,562 vertices and its own sphere, which is far from the optimal map.
+    /// Returns a folded surface of 2,562 vertices and, as its initial map, the sphere that it was generated from, which
+    /// is far from the optimal map.
     fn start() -> (Vec<Vec3>, Vec<[u32; 3]>, Vec<Shape>) {
         let (surface, sphere) = cortex(&Cortex { subdivisions: 4, variant: 0 });
         let corners = |face: &[u32; 3]| face.map(|v| surface.vertices[v as usize]);

@@ -16,7 +16,7 @@ use crate::coarse::Coarse;
 use crate::geometry::Vec3;
 use crate::sparse_cholesky::Factor;
 
-/// A vector of two unknowns per vertex.
+/// A vector with two unknowns per vertex.
 type Vector = Vec<[f64; 2]>;
 
 /// Number of matrix rows per parallel task.
@@ -25,11 +25,11 @@ const ROWS: usize = 2048;
 /// Number of smoothing steps before the coarse correction, and again after it.
 const SMOOTHING: usize = 2;
 
-/// The smoother damps eigenvalues of D^-1 H in this range, for the matrix H and its 2 x 2 diagonal blocks D. No
-/// eigenvalue is above the range.
+/// Range of the eigenvalues of D^-1 H whose error components the smoother damps, with H the matrix and D its 2 x 2
+/// diagonal blocks. No eigenvalue is above the range.
 const RANGE: [f64; 2] = [0.3, 3.0];
 
-/// Largest number of iterations.
+/// Largest number of iterations of conjugate gradients.
 const ITERATIONS: usize = 100;
 
 /// The iterations end when the residual's norm, in the preconditioner's inner product, falls below this fraction of its
@@ -182,7 +182,7 @@ fn add_scaled(x: &mut [[f64; 2]], s: f64, y: &[[f64; 2]]) {
     x.par_iter_mut().zip(y).with_min_len(ROWS).for_each(|(x, y)| *x = [x[0] + s * y[0], x[1] + s * y[1]]);
 }
 
-/// Returns the inner product, summed in chunks of fixed length and in fixed order.
+/// Returns the inner product of two vectors, summed in chunks of fixed length and in a fixed order.
 fn dot(x: &[[f64; 2]], y: &[[f64; 2]]) -> f64 {
     let chunk = |(x, y): (&[[f64; 2]], &[[f64; 2]])| x.iter().zip(y).map(|(x, y)| x[0] * y[0] + x[1] * y[1]).sum();
     let sums: Vec<f64> = x.par_chunks(ROWS).zip(y.par_chunks(ROWS)).map(chunk).collect();
@@ -219,8 +219,8 @@ mod tests {
         assert!(many < 2.0 * few && many < 20_000.0, "{few} {many}");
     }
 
-    /// Returns an ill-conditioned, uneven matrix on an icosphere: springs a hundred times stiffer along edges than
-    /// across.
+    /// Returns the ill-conditioned matrix of uneven springs on an icosphere, which are a hundred times stiffer along
+    /// the edges than across them.
     fn springs(unit: &[Vec3], pattern: &Pattern) -> Vec<[f64; 4]> {
         let mut blocks = vec![[0.0; 4]; pattern.columns.len()];
         for v in 0..unit.len() {
@@ -242,7 +242,8 @@ mod tests {
         blocks
     }
 
-    /// Returns the solution by conjugate gradients, the exact solution, and a function for the squared energy norm.
+    /// Returns the solution of a test system by conjugate gradients, the exact solution, and a function that computes
+    /// the squared energy norm of a vector.
     fn both(level: u32) -> (Vector, Vector, impl Fn(&Vector) -> f64) {
         let mesh = icosphere(level);
         let pattern = Pattern::new(mesh.vertices.len(), &mesh.faces);

@@ -13,9 +13,9 @@
 //!
 //! # Verifying that a map is one to one
 //!
-//! A continuous map of a closed surface onto the sphere that is a positive local homeomorphism on each triangle is a
-//! branched covering. The map is one to one if it covers the sphere once. The orientation of each triangle is
-//! determined by an exact predicate from the given coordinates. The number of times that the sphere is covered, an
+//! A continuous map from a closed surface to the sphere is a branched covering if it maps each triangle one to one and
+//! preserves its orientation. Such a map is one to one if it covers the sphere once. The orientation of each triangle
+//! is determined by an exact predicate from the given coordinates. The number of times that the sphere is covered, an
 //! integer, is determined from the sum of solid angles.
 
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ use spharm_surface::range::scaled_meshes;
 
 use crate::geometry::{Vec3, area, cross, dot, norm, orientation, solid_angle, sub};
 
-/// Orientation and distortion of a map from a surface to the sphere. Reports use the names of these fields.
+/// Orientation and distortion of a map from a surface to the sphere. Reports use the names of these fields as keys.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Quality {
@@ -151,7 +151,7 @@ pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
 
 /// Quantities measured on one triangle.
 struct Triangle {
-    /// Area on the surface, after scaling to 4 pi.
+    /// Area of the triangle on the surface, after the surface was scaled to area 4 pi.
     area: f64,
     solid_angle: f64,
     orientation: f64,
@@ -208,7 +208,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// Returns the percentile of sorted values for a share from 0 to 1; NaN for an empty list.
+/// Returns the value below which the given share (0 to 1) of the sorted values lies; NaN for an empty list.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)
@@ -241,8 +241,8 @@ mod tests {
         let e = (1.0_f64 - 0.01).sqrt();
         let area = 2.0 * std::f64::consts::PI * (1.0 + 10.0 * e.asin() / e);
         let scale = (4.0 * std::f64::consts::PI / area).sqrt();
-        // Near the equator, the map multiplies lengths along a parallel by 1 / scale and lengths along z by 0.1 /
-        // scale.
+        // Near the equator, the map multiplies lengths along a circle of latitude by 1 / scale, and lengths along z by
+        // 0.1 / scale.
         assert!((quality.length_worst / (10.0 * scale) - 1.0).abs() < 0.02, "{quality:?}");
         assert!((quality.area_p01 - (0.1 / (scale * scale)).ln()).abs() < 0.01, "{quality:?}");
     }

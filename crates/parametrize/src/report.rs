@@ -26,7 +26,8 @@ pub struct Parametrization {
 }
 
 impl Parametrization {
-    /// Checks and returns a map made elsewhere, for a surface and a sphere with the same triangles.
+    /// Returns a map that was made elsewhere, after checking that it is one to one. The surface and the sphere must
+    /// have the same triangles.
     ///
     /// # Errors
     ///
@@ -118,12 +119,12 @@ pub struct Report {
     pub iterations: usize,
     /// Whether the optimisation met its tolerance; `false` if it reached its largest number of steps first.
     pub converged: bool,
-    /// Seconds taken to compute the map.
+    /// Time taken to compute the map, in seconds.
     pub seconds: f64,
     /// For equal-area: the largest relative deviation of a quadrangle's area on the sphere from its target.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quad_area_deviation: Option<f64>,
-    /// Facts about the map that aren't in other fields; serialised as sentences.
+    /// Facts about the map that the other fields don't contain; serialised as sentences.
     pub notes: Vec<Note>,
     /// Possible reasons why the map is unfit for its purpose; serialised as sentences.
     pub warnings: Vec<Warning>,
@@ -151,12 +152,12 @@ pub enum Note {
         /// The largest factor by which a triangle's target area grew.
         factor: f64,
     },
-    /// Agreement of the quadrangles' areas on the sphere with their targets.
+    /// How closely the quadrangles' areas on the sphere agree with their targets.
     QuadAreas {
         /// The largest relative deviation of an area from its target.
         deviation: f64,
     },
-    /// The map was made from another map.
+    /// The map was made from another map, for example by resampling.
     MadeFrom {
         /// Name of the method that made the other map.
         method: &'static str,

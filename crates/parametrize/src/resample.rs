@@ -1,10 +1,10 @@
-//! Resamples a surface on another sampling of its sphere.
+//! Resamples a surface: computes points of the surface for the vertices of another triangulated sphere.
 //!
-//! If the surfaces of all subjects of a study are resampled on one shared sphere, vertices with the same index
+//! If the surfaces of all subjects in a study are resampled on one shared sphere, vertices with the same index
 //! correspond, and all fits can use a single basis. Each vertex of the shared sphere is a direction that meets a
 //! triangle of the surface's own sphere. The new vertex is the point of the surface with the same barycentric weights
 //! ([`SphereLocator`]). If a direction coincides with a vertex of the surface's sphere, the new vertex has exactly that
-//! vertex's position. Elsewhere the new vertices lie on the old surface, but the new triangles cut its corners;
+//! vertex's position. Elsewhere the new vertices lie on the old surface, but the new triangles cut across its edges;
 //! [`Resampling::distance`] measures the difference.
 
 use std::time::Instant;
@@ -53,7 +53,7 @@ pub fn resample(
     }
     monitor.end();
     let mut new = Mesh::new(positions, shared.faces.clone());
-    // The metadata describe the space of the coordinates. The new surface is in the same space.
+    // The metadata describe the coordinate space, which is the same for the new surface.
     new.meta.clone_from(&surface.meta);
     let unit = Mesh::new(vertices, shared.faces.clone());
     let mut found = measured("resample", surface, new, unit, started, monitor)?;
@@ -74,7 +74,8 @@ impl Parametrization {
     }
 }
 
-/// Verifies a new surface's map, and measures the distance between the given surface and the new one.
+/// Verifies that the map of a new surface is one to one, and measures the distance between the given surface and the
+/// new one.
 pub(crate) fn measured(
     method: &'static str,
     given: &Mesh,
@@ -118,7 +119,7 @@ pub(crate) fn points(
     directions: &[Vec3],
 ) -> Result<Vec<Vec3>, ParametrizeError> {
     let values = ArrayView2::from_shape((surface.vertices.len(), 3), surface.vertices.as_flattened());
-    // The shape always fits, because the values are triples.
+    // The list has three numbers per vertex, so the conversion can't fail.
     let Ok(values) = values else { return Ok(Vec::new()) };
     let found = locator.interpolate(values, directions)?;
     Ok(found.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect())

@@ -1,12 +1,13 @@
-//! Adapts target areas to the residual of a fit: more area where a model of a given degree has a large residual.
+//! Adapts the triangles' target areas on the sphere to the residual of a fit: triangles get more area where a model of
+//! a given degree has a large residual.
 //!
 //! A model of degree L resolves details of the size pi / L, everywhere on the sphere. The model's residual is therefore
-//! largest where the surface bends sharply, or where the surface is meshed too finely for its area on the sphere. A map
-//! with more area where the residual is large, and less area elsewhere, gives a smaller error (P. Sander, S. Gortler,
-//! J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here a least-squares fit over the current map
-//! gives a residual on each triangle. Each triangle's target area is multiplied by exp (s g), with s a step length. The
-//! number g is the size of the residual on the triangle, smoothed slightly over neighbours, minus its mean, in units of
-//! its standard deviation.
+//! largest where the surface bends sharply, or where a part of the surface has too small an area on the sphere for its
+//! details. A map with more area where the residual is large, and less area elsewhere, gives a smaller error (P.
+//! Sander, S. Gortler, J. Snyder, H. Hoppe, "Signal-specialized parametrization", EGRW 2002). Here a least-squares fit
+//! over the current map gives a residual on each triangle. Each triangle's target area is multiplied by exp (s g), with
+//! s a step length. The number g is the size of the residual on the triangle, smoothed slightly over neighbours, minus
+//! its mean, in units of its standard deviation.
 
 use std::ops::Range;
 
@@ -30,18 +31,18 @@ const MAX_DEFAULT_DEGREE: usize = 100;
 /// vertices, a model nearly interpolates the vertices, and its residual is meaningless.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
-/// Upper limit of [`Residual::excess`]. Larger values are reduced to this limit, so that a few vertices far from the
-/// model don't get excessive areas.
+/// Upper limit of [`Residual::excess`]. Larger values are reduced to this limit, so that the triangles around a few
+/// vertices far from the model don't get excessive areas.
 const MAX_EXCESS: f64 = 8.0;
 
-/// Number of rounds that average residuals over neighbours.
+/// Number of rounds in which residuals are averaged over neighbouring triangles.
 const ROUNDS: usize = 2;
 
 /// Largest number of iterations of the least-squares solver. With samples over the entire surface, a few iterations
 /// suffice.
 const ITERATIONS: usize = 100;
 
-/// Returns the degree of the model: `asked` or the default, limited to the largest degree that the given number of
+/// Returns the degree of the model: `asked` or the default, but at most the largest degree that the given number of
 /// vertices determines well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
@@ -92,8 +93,9 @@ pub(crate) fn residual(
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Averages over a triangle's part of the sphere. The fitted function maps this part, projected onto a plane,
-    // linearly to the triangle of the surface. The average is therefore nearly the mean over the surface's triangle.
+    // Averages the squared residual over the part of the sphere that a triangle occupies. The fitted function maps this
+    // part, projected onto a plane, linearly to the triangle on the surface. The average is therefore nearly the mean
+    // over the surface's triangle.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();

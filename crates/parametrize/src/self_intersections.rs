@@ -42,7 +42,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     let (a, b) = (mesh.faces[one as usize], mesh.faces[two as usize]);
     let shared = a.iter().filter(|v| b.contains(v)).count();
     let at = |v: u32| mesh.vertices[v as usize];
-    // Edges that end at a vertex of the other triangle are skipped, since they only touch the triangle there.
+    // Edges that end at a vertex of the other triangle are skipped, since they only touch that triangle at the vertex.
     let through = |edges: [u32; 3], triangle: [u32; 3]| {
         (0..3).any(|k| {
             let (u, v) = (edges[k], edges[(k + 1) % 3]);

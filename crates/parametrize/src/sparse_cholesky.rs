@@ -8,7 +8,8 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use crate::background::abandonable;
 
-/// Number of unknowns from which the factorisation runs on its own thread, so that it can be interrupted.
+/// If a matrix has at least this number of unknowns, its factorisation runs on its own thread, so that it can be
+/// interrupted.
 const LONG: usize = 20_000;
 
 /// The symbolic factorisation of a sparsity pattern.
@@ -17,7 +18,7 @@ pub(crate) struct Symbolic {
     size: usize,
 }
 
-/// The factor of one matrix.
+/// The Cholesky factor of one matrix.
 pub(crate) struct Factor(SparseFactor);
 
 impl Symbolic {
@@ -49,8 +50,8 @@ impl Symbolic {
         Ok(pattern.map(|pattern| Self { pattern, size }))
     }
 
-    /// Factors a matrix with the analysed pattern. Each block has `N` = `size`^2 numbers, stored by rows. Returns
-    /// `None` if the matrix isn't numerically positive definite.
+    /// Factors a matrix with the analysed pattern. Each block consists of `N` = `size`^2 numbers, stored row by row.
+    /// Returns `None` if the matrix isn't numerically positive definite.
     pub(crate) fn factor<const N: usize>(
         &self,
         starts: &[u32],
@@ -81,7 +82,7 @@ impl Symbolic {
     }
 }
 
-/// Returns the columns of a row, and the index in `columns` of the first of them.
+/// Returns the columns of a row's blocks, and the index in `columns` of the row's first block.
 fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
     let first = starts[row] as usize;
     (&columns[first..starts[row + 1] as usize], first)

@@ -1,4 +1,5 @@
-//! Moves single vertices: chooses a vertex's position when it is reinserted, and relaxes vertices in sweeps.
+//! Moves single vertices of a map: chooses a vertex's position when the vertex is reinserted, and relaxes vertices
+//! (moves them to lower the energy) in sweeps.
 //!
 //! A vertex may only move inside its kernel. The kernel is the set of points from which the entire ring of neighbours
 //! is visible in the right order: the intersection of the hemispheres to the left of the ring's edges. A move is made
@@ -14,7 +15,7 @@ use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
 /// The triangles around a vertex. Each triangle is stored as the positions of its two other corners, and its shape,
-/// whose cotangents start with the one at the vertex.
+/// whose cotangents start with that of the angle at the vertex.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }
@@ -26,7 +27,7 @@ impl Star {
         star
     }
 
-    /// Replaces the triangles by those around vertex v, reusing this star's memory.
+    /// Replaces the triangles by those around vertex v, reusing the allocated memory.
     fn set(&mut self, hierarchy: &Hierarchy, unit: &[Vec3], v: u32) {
         let spoke = |&f: &u32| {
             let face = hierarchy.faces[f as usize];
@@ -79,10 +80,10 @@ impl Star {
 
     /// Returns the centre of the largest spherical cap inside the vertex's kernel; see the [module](self).
     ///
-    /// Let n_i be the unit normals of the planes through the ring's edges and the origin. The centre is the unit vector
-    /// x for which the smallest of the n_i . x is largest. By duality, x points towards the point nearest to the origin
-    /// in the convex hull of the n_i. This point lies in the hull of one, two or three of the n_i. Since there are few
-    /// n_i, all combinations are tried.
+    /// Let n_i be the unit normals of the planes through the origin and each of the ring's edges. The centre is the
+    /// unit vector x for which the smallest of the n_i . x is largest. By duality, x points towards the point nearest
+    /// to the origin in the convex hull of the n_i. This point lies in the hull of one, two or three of the n_i. Since
+    /// there are few n_i, all combinations are tried.
     fn deepest(&self) -> Option<Vec3> {
         let normals: Vec<Vec3> =
             self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
@@ -116,7 +117,8 @@ impl Star {
         best
     }
 
-    /// Returns the value, gradient and Hessian (entries 00, 10, 11), summed over the triangles, in the frame at x.
+    /// Returns the energy, its gradient and its Hessian (entries 00, 10, 11), summed over the triangles around the
+    /// vertex, in the frame of the tangent plane at x.
     fn derivatives(&self, energy: Energy, x: Vec3, frame: [Vec3; 2]) -> [f64; 6] {
         let mut sum = [0.0; 6];
         for ([a, b], shape) in &self.spokes {
@@ -144,8 +146,8 @@ impl Star {
         if !(decrease < 0.0 && length.is_finite()) {
             return x;
         }
-        // Steps are limited to the distance of the farthest neighbour, beyond which the quadratic model can't be
-        // accurate.
+        // Steps are limited to the distance to the farthest neighbour, since the quadratic model can't be accurate
+        // beyond it.
         let widest = self.spokes.iter().map(|([a, _], _)| norm(sub(*a, x))).fold(0.0, f64::max);
         let mut t = (widest / length).min(1.0);
         for _ in 0..12 {
@@ -194,8 +196,8 @@ impl Classes {
 /// Number of vertices that a sweep processes between checks of the monitor.
 const CHUNK: usize = 1 << 15;
 
-/// Moves each vertex to lower the energy of its triangles, one class of `classes` after another. Returns the length of
-/// the longest move.
+/// Moves each vertex to lower the energy of the triangles around it. The vertices of a class are moved in parallel, one
+/// class after another. Returns the length of the longest move.
 pub(crate) fn sweep(
     hierarchy: &Hierarchy,
     unit: &mut [Vec3],

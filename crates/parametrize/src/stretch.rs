@@ -1,4 +1,5 @@
-//! Maps a surface with least stretch (E. Praun and H. Hoppe, "Spherical parametrization and remeshing", SIGGRAPH 2003).
+//! Maps a surface to the sphere with the least stretch (E. Praun and H. Hoppe, "Spherical parametrization and
+//! remeshing", SIGGRAPH 2003).
 //!
 //! The map is built coarse to fine (`embed.rs`). At every level the L2 stretch of the map from the sphere to the
 //! surface is minimised, so that a uniform grid of samples on the sphere is dense everywhere on the surface. The energy

@@ -1,4 +1,4 @@
-//! Tries the repair of a mesh that was refused, so that the error can state whether a repair succeeds.
+//! Tries to repair a mesh that was refused, so that the error can state whether a repair would succeed.
 
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
@@ -12,8 +12,8 @@ use crate::handles::fill_holes;
 use crate::mending::Mending;
 use crate::wrap::would_wrap;
 
-/// If a repair drops pieces with more than this share of the mesh's area, a coarse trial shows whether a wrap would
-/// keep all bodies of the mesh.
+/// If a repair drops pieces with more than this share of the mesh's area, a trial with a coarse wrap determines whether
+/// a wrap would keep all bodies of the mesh.
 const DROPPED: f64 = 0.05;
 
 /// A repaired copy of a mesh.
@@ -21,7 +21,7 @@ pub(crate) struct Repaired {
     /// The repaired mesh, whose coordinates are divided by 2^`exponent`.
     pub(crate) mesh: Mesh,
     pub(crate) exponent: i32,
-    /// The changes.
+    /// The changes that the repair made.
     pub(crate) repair: MeshRepair,
     /// Whether the repaired mesh has two sides, see [`check_enclosure`].
     pub(crate) two_sided: bool,

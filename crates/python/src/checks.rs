@@ -12,9 +12,9 @@ use crate::errors::Failure;
 use crate::models::Model;
 use crate::run::run;
 
-/// A subject as returned to Python. The fields are: the measures; their robust z, in the order of [`Measure::ALL`] like
-/// the measures; the mode along which the subject is farthest from the others, counted from 1, with its robust z; the
-/// flags; and the severity.
+/// A subject as returned to Python. The fields are: the measures; their robust z-scores, in the order of
+/// [`Measure::ALL`] like the measures; the mode along which the subject is farthest from the others (counted from 1)
+/// and the robust z-score there; the flags; and the severity.
 type Subject = (Vec<Option<f64>>, Vec<Option<f64>>, Option<(usize, f64)>, Vec<String>, f64);
 
 /// Compares the subjects of a group. `aligned` has the models in one pose, and their mean; `scores` has the scores of

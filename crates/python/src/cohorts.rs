@@ -75,7 +75,7 @@ fn finished(number: usize, entry: &Entry, outcome: &Outcome<'_>, model: &Path) -
     (number, entry.id.clone(), entry.state.name(), model.to_owned(), error, report, entry.seconds)
 }
 
-/// Converts an error of a run to a failure, from which an exception is made.
+/// Converts a run's error to a failure, which is then raised as an exception.
 fn failure(error: RunError) -> Failure {
     match error {
         RunError::Fit(error) => Failure::from(error),

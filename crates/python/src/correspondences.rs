@@ -36,7 +36,7 @@ struct Settings {
     pose: String,
     scale: bool,
     mirror: bool,
-    /// Whether each surface is mirrored first; empty if no surface is mirrored.
+    /// For each surface, whether it is mirrored before its pose is found; empty if no surface is mirrored.
     mirrored: Vec<bool>,
     subdivisions: Option<u32>,
     memory: Option<usize>,
@@ -155,7 +155,7 @@ fn no_area(name: &str) -> Failure {
 }
 
 /// Finds the transform that moves a surface onto another one. Returns the transform as JSON, the distance between the
-/// surfaces after this transform, the distance after the best clearly different transform, and warnings.
+/// surfaces after this transform, the distance after the best of the clearly different transforms, and warnings.
 #[pyfunction]
 #[pyo3(signature = (surface, target, *, scale, mirror, threads = None, progress = None))]
 fn shape_pose(

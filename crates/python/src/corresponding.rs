@@ -47,8 +47,8 @@ pub(crate) struct Group {
     warnings: Vec<(usize, String)>,
 }
 
-/// Points carried to another member, their distances from the source's surface, and whether each has a counterpart on
-/// both members.
+/// Points carried to another member, their distances from the source's surface, and whether each point has a
+/// counterpart on both members.
 type Carried<'py> = (PositionsOut<'py>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 /// A new member: its model, its transform, the positions of its vertices, whether each vertex has a counterpart on the
 /// surface, and the report.
@@ -74,7 +74,7 @@ impl Group {
         json!(self.inner.similarities.iter().map(transform).collect::<Vec<_>>()).to_string()
     }
 
-    /// Returns the positions of the corresponding vertices on each member, (N, n, 3).
+    /// Returns the positions of the n corresponding vertices on each of the N members, as an (N, n, 3) array.
     #[getter]
     fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let (members, n) = self.size();
@@ -82,14 +82,15 @@ impl Group {
         Array3::from_shape_vec((members, n, 3), values).expect("each member has n places").into_pyarray(py)
     }
 
-    /// Returns whether each vertex has a counterpart on each member's surface, (N, n).
+    /// Returns an (N, n) boolean array: whether each of the N members' surfaces has a counterpart of each of the n
+    /// vertices.
     #[getter]
     fn reached<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         let values: Vec<bool> = self.inner.reached.iter().flatten().copied().collect();
         Array2::from_shape_vec(self.size(), values).expect("each member has n places").into_pyarray(py)
     }
 
-    /// Returns a mask of the template's vertices that have no counterparts, (n).
+    /// Returns, for each vertex of the template, whether it has no counterparts on the members, as a boolean array.
     #[getter]
     fn masked<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
         self.inner.template.masked.clone().into_pyarray(py)
@@ -109,7 +110,7 @@ impl Group {
         of_group.into_iter().chain(of_members).collect()
     }
 
-    /// Returns, for each direction, whether the template's nearest vertex has counterparts on members.
+    /// Returns, for each direction, whether the template's nearest vertex has counterparts on the members.
     fn kept_at(&self, directions: Positions<'_>) -> PyResult<Vec<bool>> {
         Ok(self.inner.template.kept_at(&rows("directions", directions.as_array())?))
     }
@@ -170,7 +171,7 @@ impl Group {
     }
 
     /// Carries points on member `source` to the corresponding points on member `target`. Also returns the distances of
-    /// the given points from the source's surface, and whether each has a counterpart on both members.
+    /// the given points from the source's surface, and whether each point has a counterpart on both members.
     fn carry<'py>(
         &self,
         py: Python<'py>,
@@ -202,8 +203,8 @@ impl Group {
         Ok(found.into_iter().map(|warning| (warning.member, warning.of_member(name))).collect())
     }
 
-    /// Adds surfaces to the group as new members, without changing the existing members. The preparation is shared by
-    /// all surfaces.
+    /// Adds surfaces to the group as new members, without changing the existing members. The group is prepared only
+    /// once for all surfaces.
     #[pyo3(signature = (surfaces, names, *, mirrored, threads = None, progress = None))]
     fn add<'py>(
         &self,
@@ -253,7 +254,7 @@ fn of_new_members(group: &Inner, pose: PoseParams, keep_poses: bool) -> Correspo
 }
 
 impl Group {
-    /// Wraps a group that was made with these settings.
+    /// Wraps a group for Python, together with the settings that it was made with.
     pub(crate) fn new(inner: Inner, names: Vec<String>, params: CorrespondParams) -> Self {
         let of = |warning: &CorrespondWarning| (warning.member(), warning.of_member(|other| names[other].clone()));
         let warnings = inner.report.warnings.iter().map(of).collect();

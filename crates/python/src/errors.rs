@@ -24,16 +24,16 @@ pub(crate) enum Failure {
         /// The error of the library.
         error: Box<Error>,
     },
-    /// An error of the computation of moments.
+    /// An error in the computation of moments.
     Moments(MomentsError),
-    /// An error of compressing or expanding a model.
+    /// An error in compressing or expanding a model.
     Codec {
         /// Name of the file that is expanded.
         name: Option<String>,
         /// The error of the library.
         error: Box<CodecError>,
     },
-    /// A computation needs more memory than available.
+    /// A computation needs more memory than is available.
     Memory {
         /// Description of the computation.
         what: String,

@@ -217,7 +217,8 @@ enum Given<'a> {
     Bare(Box<Mesh>),
 }
 
-/// A solution as returned to Python: coefficients, (K, c), report as JSON, and warnings as (kind, text).
+/// A solution as returned to Python: coefficients (one row per basis function, one column per channel), report as JSON,
+/// and warnings as pairs of kind and text.
 type Solution<'py> =
     (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
@@ -229,7 +230,7 @@ pub(crate) enum At<'py> {
     Directions(Positions<'py>),
 }
 
-/// Fits a signal at directions.
+/// Fits a signal that is sampled at the given directions.
 #[pyfunction]
 #[pyo3(signature = (at, values, *, settings, progress = None))]
 pub(crate) fn solve<'py>(

@@ -75,7 +75,8 @@ pub(crate) fn group(
         warnings.extend(axes_differ(models.iter().map(|(.., axes)| *axes)));
     }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // If the poses differ, skip the check for corresponding parameters: models in different poses never correspond.
+    // If the poses differ, skip the check that the models' parameters correspond, since they never do in different
+    // poses.
     if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, ..)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }

@@ -12,7 +12,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Metadata of a surface's file, a dict in Python. Its fields are those of [`Meta`], except for `path`.
+/// Metadata of a surface's file, a dict in Python: the fields of [`Meta`], and the file's path.
 #[derive(Clone, FromPyObject, IntoPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Metadata {

@@ -29,7 +29,8 @@ fn kind(surface: bool) -> Kind {
 
 #[pymethods]
 impl Model {
-    /// Creates a model from coefficients, (K, c), optionally with a sphere.
+    /// Creates a model from coefficients (one row per basis function, one column per channel), optionally with a
+    /// sphere.
     #[new]
     #[pyo3(signature = (coefficients, *, surface, sphere = None, faces = None, parametrized = false, seam = None))]
     fn new(
@@ -178,7 +179,8 @@ impl Model {
         .map(|inner| Self { inner })
     }
 
-    /// Returns a model with other coefficients, (K, c), over the same sphere.
+    /// Returns a model with other coefficients (one row per basis function, one column per channel) over the same
+    /// sphere.
     fn with_coefficients(&self, py: Python<'_>, coefficients: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
         let values = coefficients.as_array().to_owned();
         let inner = run(py, Some(1), None, |_| {

@@ -55,7 +55,8 @@ impl Modes {
         run(py, Some(1), None, |_| self.model(self.file.modes.mean.clone(), None))
     }
 
-    /// Returns the coefficients of the modes, (m, K, 3). Row 0 of each mode, the position, is zero.
+    /// Returns the m modes as an array (m, K, 3): K coefficients of x, y and z. Row 0 of each mode, the position, is
+    /// zero.
     #[getter]
     fn modes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let modes = &self.file.modes;
@@ -137,7 +138,8 @@ impl Modes {
         Ok((scores.into_pyarray(py), left))
     }
 
-    /// Returns the generalisation and the specificity of the first k modes for each k up to m, as two arrays (m).
+    /// Returns the generalisation and the specificity of the first k modes for each k from 1 to m, as two arrays of
+    /// length m.
     #[pyo3(signature = (*, samples, seed, threads = None, progress = None))]
     fn quality<'py>(
         &self,

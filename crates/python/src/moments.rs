@@ -73,7 +73,8 @@ impl Moments {
         Ok(PyBytes::new(py, &run(py, Some(1), None, |_| self.inner.to_bytes().map_err(Failure::Moments))?))
     }
 
-    /// Returns the sum of the moments of several parts. If `partial` is set, some of the parts may be missing.
+    /// Returns the sum of the moments of several parts of the samples. If `partial` is set, some of the parts may be
+    /// missing.
     #[staticmethod]
     #[pyo3(signature = (parts, *, partial = false))]
     fn merge(py: Python<'_>, parts: Vec<PyRef<'_, Self>>, partial: bool) -> PyResult<Self> {

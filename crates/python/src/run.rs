@@ -181,7 +181,7 @@ fn wait<T: Send>(
     receive: Receiver<Outcome<T>>,
     grace: Option<Duration>,
 ) -> PyResult<T> {
-    // Releasing the interpreter requires `Sync`, which a receiver isn't, so it is wrapped in a mutex.
+    // The interpreter can be released only if values used meanwhile are `Sync`. A receiver isn't, so it is in a mutex.
     let receive = Mutex::new(receive);
     let (mut stop, mut last): (Option<(PyErr, Instant)>, _) = (None, None);
     loop {

@@ -119,7 +119,8 @@ fn described(model: &spharm::Model) -> Result<Descriptors, Failure> {
     Ok(spharm::shape::descriptors(&model.coefficients)?)
 }
 
-/// Power, (L), and singular values, (L, c), of the coefficients of each degree from 1 to L.
+/// For each degree from 1 to L: power, (L), and singular values, (L, c), of the coefficients of a model with c
+/// channels.
 type Described<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// Returns the power and the singular values of the coefficients for each degree from 1 to L.
@@ -159,7 +160,8 @@ fn shape_match(
     })
 }
 
-/// Returns the root mean square distance between a model and its truncation to each degree from 0 to L, (L + 1).
+/// Returns the root mean square distance between a model and its truncation to each degree from 0 to L, as L + 1
+/// values.
 #[pyfunction]
 fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let coefficients = &model.inner.coefficients;

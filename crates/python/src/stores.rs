@@ -117,7 +117,7 @@ fn store_schemes(py: Python<'_>, store: PathBuf) -> PyResult<String> {
     Ok(Value::from(found).to_string())
 }
 
-/// Verifies all files of a store against their hashes. Returns the errors of the damaged files.
+/// Verifies all files of a store against their hashes. Returns the error messages about damaged files.
 #[pyfunction]
 #[pyo3(signature = (store, *, threads = None, progress = None))]
 fn store_verify(

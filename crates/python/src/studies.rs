@@ -18,7 +18,8 @@ use crate::groups::{coefficients, group};
 use crate::models::Model;
 use crate::run::{run, run_owned};
 
-/// Measurements of a group, (n, V d); their number of components per vertex, d; the mean model; and warnings.
+/// Measurements of a group: an array with one row per model (or pair) and d columns for each vertex; d; the mean model;
+/// and warnings.
 type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 
 /// Measures the quantity `signal` (`normal`, `position` or `value`) of the models of a group at directions. If `pairs`
@@ -56,7 +57,7 @@ pub(crate) fn shape_measure_group<'py>(
     Ok((field.values.into_pyarray(py), field.components, mean, warnings))
 }
 
-/// Values of a column, one per subject: numbers, or names of levels.
+/// Values of a column of the design, one per subject: numbers, or names of levels.
 #[derive(FromPyObject)]
 pub(crate) enum Cells<'py> {
     Numbers(PyReadonlyArray1<'py, f64>),
@@ -125,7 +126,7 @@ impl Asked<'_> {
         Ok(asked)
     }
 
-    /// Returns the interaction of two given columns, by its name.
+    /// Returns the interaction of two of the given columns. `name` is its name, such as `age:sex`.
     fn interaction(&self, name: &str) -> Result<Term, Failure> {
         let columns = || self.effect.iter().chain(&self.covariates);
         let column = |name: &str| Ok(columns().find(|(of, _)| of == name).map(|(_, cells)| cells.column()));
@@ -182,7 +183,7 @@ impl Inference<'_> {
     }
 }
 
-/// Tests values, (n, V d), at V vertices with d components each.
+/// Tests values at V vertices. `values` has one row per subject and d columns for each vertex.
 #[pyfunction]
 #[pyo3(signature = (values, components, asked, inference, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]

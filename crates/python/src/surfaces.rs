@@ -120,11 +120,11 @@ fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, 
     Ok(values.into_pyarray(py))
 }
 
-/// Values and distances of points.
+/// Values at points, and the points' distances from the surface.
 type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Returns a surface's values at the points nearest to the given points, and the distances of the given points. Within
-/// triangles, values are interpolated linearly or, with `labels`, taken from the nearest corner.
+/// Returns a surface's values at its points nearest to the given points, and the given points' distances from it.
+/// Within triangles, values are interpolated linearly or, with `labels`, taken from the nearest corner.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, values, points, *, labels))]
 fn values_at<'py>(
@@ -334,7 +334,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     Err(Failure::Argument(format!("sphere: expected {expected} vertices, as many as the surface has; found {found}")))
 }
 
-/// msd, xsd, rms, maximum and scale; the vertex with the largest distance; each vertex's distance; and a warning.
+/// Mean and maximum squared distance, rms, maximum, scale; the farthest vertex; each vertex's distance; a warning.
 type Compared<'py> = ([f64; 5], usize, Bound<'py, PyArray1<f64>>, Option<String>);
 
 /// Compares two meshes whose vertices correspond. Returns msd, xsd and related numbers, the vertex with the largest

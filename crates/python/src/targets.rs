@@ -43,8 +43,8 @@ pub(crate) fn doubts_of_mask(
     named(path, other.iter(), params)
 }
 
-/// Returns warnings that begin with the name of the surface. If the settings are strict, returns the first warning as
-/// an error.
+/// Returns warnings about a surface, each of which begins with the surface's name. If the settings are strict, returns
+/// the first warning as an error.
 fn named<'a>(
     path: Option<&Path>,
     warnings: impl Iterator<Item = &'a TargetWarning>,

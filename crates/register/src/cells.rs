@@ -1,4 +1,5 @@
-//! Sorts points into the cells of a grid, so that all points within a cell's width of a position are in 27 cells.
+//! Sorts points into the cells of a grid, so that all points within a cell's width of a position lie in the 27 cells
+//! around the position.
 
 use spharm_surface::geometry::{Vec3, bounds};
 

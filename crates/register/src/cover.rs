@@ -7,7 +7,7 @@ use spharm_surface::nearest::TriangleTree;
 use crate::subject::Subject;
 use crate::template::Template;
 
-/// Number of points on the subject from which distances are measured.
+/// Number of points on the subject's surface whose distances from the template are measured.
 const POINTS: usize = 5000;
 
 /// Distances of a subject's surface from the registered template, in the unit of the coordinates.
@@ -56,7 +56,7 @@ pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -
     ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
-/// Returns whether each of the n vertices is free, so that the subject doesn't pull it. A masked vertex is free. A
+/// Returns whether each of the n vertices is free, that is, not pulled by the subject. A masked vertex is free. A
 /// vertex is also free if its nearest point is farther than `reach` and on the border of an open surface, because the
 /// subject then lacks the corresponding part.
 pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {

@@ -2,9 +2,10 @@
 //! equal width. Each point of the subject is divided among the centres in shares (responsibilities), and a smooth
 //! displacement moves the centres towards the points assigned to them.
 //!
-//! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
-//! (2010). Unlike in the paper, a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) replaces the kernel's
-//! eigenvectors, and responsibilities are multiplied by `exp(kappa (n_x . n_y - 1))`:
+//! The method is from A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern
+//! Anal. Mach. Intell. 32 (2010). Two things differ from the paper: a low-rank factor of the kernel (`v = F a`,
+//! [`crate::low_rank`]) replaces the kernel's eigenvectors, and responsibilities are multiplied by
+//! `exp(kappa (n_x . n_y - 1))`:
 //!
 //! ```text
 //! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
@@ -151,8 +152,9 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks. The kernel's factor at the landmarks on the template has the rows `rows` (count, r). The vectors from
-/// these landmarks to the corresponding points of the subject are `off` (count, 3).
+/// Landmarks that pull points of the template to points of the subject. `rows` (count, r) has the rows of the kernel's
+/// factor F at the landmarks' positions on the template, and `off` (count, 3) has the vectors from these positions to
+/// the corresponding points of the subject.
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,
@@ -247,7 +249,7 @@ fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec
     sums.weighted.iter().zip(&sums.shares).zip(points).zip(normals).map(of).collect()
 }
 
-/// Returns the coefficients a of the displacement.
+/// Solves the normal equations, and returns the coefficients a (r, 3) of the displacement `F a`.
 fn maximisation(
     kernel: &LowRank,
     start: &[Vec3],

@@ -9,7 +9,7 @@ pub enum RegisterError {
     /// A mesh has no area, or coordinates that aren't finite.
     #[error("{what} has no area to register: expected triangles with finite coordinates and an area above 0")]
     NoArea {
-        /// Description of the mesh.
+        /// Name of the mesh in the message: "the template" or "the subject".
         what: &'static str,
     },
     /// A triangle of the template has a vertex that doesn't exist, or the same vertex twice.

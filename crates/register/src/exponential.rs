@@ -1,8 +1,9 @@
-//! Computes the exponentials in the responsibilities of coherent point drift, for one point and each point of a range.
+//! Computes the exponentials in the responsibilities of coherent point drift, for the pairs of one point with each
+//! point of a range.
 
 use multiversion::multiversion;
 
-/// Points with unit normals, stored by coordinate.
+/// Points with unit normals. Each coordinate has its own array.
 #[derive(Default)]
 pub(crate) struct Columns {
     pub(crate) x: [Vec<f64>; 3],
@@ -13,7 +14,7 @@ pub(crate) struct Columns {
 pub(crate) struct Probe {
     pub(crate) x: [f64; 3],
     pub(crate) n: [f64; 3],
-    /// 1 / (2 sigma^2).
+    /// Factor 1 / (2 sigma^2) of the squared distances, where sigma is the width of the Gaussians.
     pub(crate) sharpness: f64,
     pub(crate) kappa: f64,
 }

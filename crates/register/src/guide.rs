@@ -8,6 +8,6 @@ use spharm_surface::geometry::Vec3;
 pub struct Guide {
     /// Position on the template.
     pub place: Place,
-    /// Corresponding point of the subject, in the template's pose.
+    /// Corresponding point of the subject, which must be in the template's pose.
     pub point: Vec3,
 }

@@ -8,8 +8,8 @@
 //!
 //! 1. Coherent point drift ([`drift`](mod@drift)) with three Gaussian kernels, the widest first, brings the template
 //!    near the subject where the two differ after alignment.
-//! 2. Nearest points in both directions ([`snap`](mod@snap)), under a thin plate that becomes softer, bring the
-//!    template onto the surface.
+//! 2. Pulls towards nearest points in both directions ([`snap`](mod@snap)) bring the template onto the surface. A thin
+//!    plate, whose stiffness decreases from round to round, keeps the displacements smooth.
 //! 3. The template's vertices are projected onto the surface. Vertices around triangles that are turned over are moved
 //!    within the surface towards their neighbours ([`untangle`](mod@untangle)).
 //! 4. [`Cover`] gives the distance of the subject's surface from the registered template. [`Registered`] also marks the

@@ -24,8 +24,8 @@ pub struct LowRank {
 const ROWS: usize = 512;
 
 impl LowRank {
-    /// Factors the kernel of the given width at `points`, until no diagonal entry of the remainder exceeds `tolerance`,
-    /// but with at most `most` columns.
+    /// Computes the factor of the kernel of the given width at `points`. Columns are added until no diagonal entry of
+    /// the remainder exceeds `tolerance`, or until there are `most` columns.
     #[must_use]
     pub fn new(points: &[Vec3], places: &[Vec3], width: f64, most: usize, tolerance: f64) -> Self {
         let all: Vec<Vec3> = points.iter().chain(places).copied().collect();

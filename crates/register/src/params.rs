@@ -38,7 +38,7 @@ pub struct RegisterParams {
     pub back: f64,
     /// Weight of distances within the surface, relative to distances along its normal.
     pub tangential: f64,
-    /// Distance that is equivalent to a unit difference of normals in the search for nearest points.
+    /// Distance that is equivalent to a unit difference between normals in the search for nearest points.
     pub normal: f64,
     /// Distance beyond which the weight of a pair of points decreases markedly.
     pub robust: f64,

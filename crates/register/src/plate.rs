@@ -33,7 +33,7 @@ impl Rows {
     }
 }
 
-/// The bending energy of a mesh, a quadratic form in the displacements of its vertices.
+/// The bending energy of a mesh as a quadratic form in the displacements of the mesh's vertices.
 pub struct Plate {
     /// The neighbours of each vertex.
     pub(crate) rings: Rows,
@@ -98,7 +98,7 @@ impl Plate {
         self.of_vertices.row(v)
     }
 
-    /// Returns the plate's matrix `L^T L` times a stiffness.
+    /// Returns the matrix `L^T L` of the bending energy, multiplied by a stiffness.
     pub(crate) fn times(&self, stiffness: f64) -> PlateMatrix<'_> {
         PlateMatrix { plate: self, values: self.values.iter().map(|value| stiffness * value).collect() }
     }

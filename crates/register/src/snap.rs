@@ -1,10 +1,12 @@
-//! Pulls a template onto a surface by nearest points in both directions, under a thin plate that becomes softer.
+//! Pulls a template onto a surface by nearest points in both directions. The bending energy of a thin plate, whose
+//! stiffness decreases from round to round, keeps the displacements smooth.
 //!
-//! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
-//! Each point of the template is paired with the nearest point of the subject, by position and normal, and each point
-//! of the subject with the nearest point of the template. The pairs that start at the subject's points pull the
-//! template into tips of the subject, which aren't nearest to any point of the template. Distances along the subject's
-//! normal have full weight, and distances within the surface have a small weight. Each round solves
+//! The method is from B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface
+//! registration", CVPR 2007. Each point of the template is paired with the nearest point of the subject, by position
+//! and normal, and each point of the subject with the nearest point of the template. The pairs that start at the
+//! subject's points pull the template into tips of the subject, which aren't nearest to any point of the template.
+//! Distances along the subject's normal have full weight, and distances within the surface have a small weight. Each
+//! round solves
 //!
 //! ```text
 //! (S^T W S + stiffness / N L^T L) v = S^T W r,   W = w (m m^T + tangential I) for each pair
@@ -139,7 +141,7 @@ fn to_subject(
     .collect()
 }
 
-/// Pairs each of the given points of the subject with the nearest point of the template.
+/// Pairs each of the given points on the subject with the nearest point of the template.
 fn to_template(
     template: &Template,
     vertices: &[Vec3],
@@ -197,7 +199,7 @@ pub(crate) fn normals_and_areas(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec<V
     (normals, areas)
 }
 
-/// Returns the displacement of one round.
+/// Solves the equations of one round, and returns the displacement of each vertex.
 fn step(template: &Template, pairs: &[Pair], stiffness: f64, tangential: f64) -> Result<Vec<Vec3>, RegisterError> {
     let plate = template.plate.times(stiffness);
     let mut middle = template.plate.times(stiffness);

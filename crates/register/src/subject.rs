@@ -75,7 +75,8 @@ impl PointTree {
         Ok(Self { tree, normal })
     }
 
-    /// Returns the index of the point nearest in position and normal.
+    /// Returns the index of the point in the tree that is nearest to `point` and `normal`, in position and normal
+    /// together.
     pub(crate) fn nearest(&self, point: Vec3, normal: Vec3) -> usize {
         let place = place(point, normal, self.normal);
         self.tree.query(&place).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize

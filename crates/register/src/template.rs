@@ -1,4 +1,4 @@
-//! Prepares a template: the data shared by the registrations to all subjects of a group.
+//! Prepares a template: computes the data that the registrations to all subjects of a group share.
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
@@ -32,7 +32,7 @@ pub struct Template {
 pub(crate) struct Stage {
     /// Points on the unmasked triangles of the template.
     pub(crate) spread: SpreadPoints,
-    /// The kernel's factor at these points and at the template's vertices.
+    /// The kernel's factor at the points `spread` and at the template's vertices.
     pub(crate) kernel: LowRank,
     pub(crate) stiffness: f64,
 }

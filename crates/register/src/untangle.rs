@@ -1,4 +1,4 @@
-//! Projects vertices onto a surface without leaving triangles turned over.
+//! Projects vertices onto a surface, and repairs triangles that the projection turns over.
 //!
 //! A triangle is turned over if its normal points against the normal of the subject's triangle that is nearest to its
 //! centre. Vertices around such triangles are moved halfway to the mean of their neighbours and projected again,
@@ -14,7 +14,7 @@ use crate::error::RegisterError;
 use crate::subject::Subject;
 use crate::template::{Template, doubled_normal};
 
-/// Number of times that vertices are moved in a round.
+/// Number of times that vertices are moved and projected in a round.
 const MOVES: usize = 12;
 /// Number of rings of vertices, around turned triangles, that are moved in each round. After the last entry, the
 /// sequence starts again.

@@ -13,7 +13,7 @@ pub(crate) struct Bar {
     length: usize,
     /// Height in pixels of a line of text in the panel.
     line: usize,
-    /// Size of the bar's text.
+    /// Size of the bar's text in pixels; see [`Label`].
     size: f64,
     /// Values at the ends of the bar; `None` if they are part of the label, because the panel is too narrow.
     ends: Option<[String; 2]>,
@@ -80,7 +80,7 @@ impl Bar {
     }
 }
 
-/// Returns the size of a bar's text.
+/// Returns the size in pixels of a bar's text.
 fn size_of(line: usize, dpi: Option<u16>) -> f64 {
     (0.6 * line as f64).max(smallest_size(dpi))
 }

@@ -1,4 +1,4 @@
-//! Projects points to a picture with an orthographic camera.
+//! Projects points onto a picture with an orthographic camera.
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 

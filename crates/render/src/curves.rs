@@ -1,4 +1,5 @@
-//! Draws panels of curves with bands over integers, such as measures over the number of modes.
+//! Draws panels of curves, with bands around them, over integers on the x axis, such as quality measures against the
+//! number of modes.
 //!
 //! Curves and bands are anti-aliased: a curve's coverage of a pixel follows from its distance from the pixel's
 //! centre, and a band's coverage from the fraction of the pixel's height that it covers.

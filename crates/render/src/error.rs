@@ -6,10 +6,10 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// A picture without panels.
+    /// A picture has no panels.
     #[error("a picture needs at least one panel, found none")]
     NoPanels,
-    /// A picture that is too small or too large.
+    /// A picture is too small or too large.
     #[error("the picture is {width} x {height} pixels, expected 16 to 16384 on each side")]
     Size {
         /// Width, in pixels.
@@ -28,7 +28,7 @@ pub enum RenderError {
         /// Number of values or colours.
         found: usize,
     },
-    /// A colour bar whose ends aren't finite.
+    /// An end of a colour bar isn't finite.
     #[error("the range of a colour bar must be two finite numbers, found {low} and {high}")]
     Range {
         /// Value at the lower end of the colour bar.

@@ -9,7 +9,7 @@ use crate::{Panel, Settings};
 
 /// Heights in pixels, common to all panels of a picture.
 pub(crate) struct Layout {
-    /// Size of the captions' text.
+    /// Size of the captions' text in pixels.
     pub(crate) type_size: f64,
     /// Height of a line of text.
     pub(crate) line: usize,

@@ -145,10 +145,10 @@ impl Settings {
     /// Returns the number of bytes that [`render`] and [`encode_png`] use for `panels` panels with meshes of at most
     /// `vertices` vertices, including the picture.
     ///
-    /// The number is a sum. Each pixel of the picture takes 3 bytes, 3 more in the compressed copy, and 4 more in this
-    /// copy as text in an SVG. Each pixel of one panel takes 80 bytes, because panels are drawn one after another, in
-    /// linear light, at twice the resolution and with their depth. Each vertex of a panel's mesh takes 128 bytes. With
-    /// a resolution in dots per inch, labels and captions are assumed to be of maximum length.
+    /// The number is a sum. Each pixel of the picture takes 3 bytes, 3 more for the compressed copy, and 4 more if this
+    /// copy is embedded as text in an SVG. Each pixel of one panel takes 80 bytes, because panels are drawn one after
+    /// another, in linear light, at twice the resolution and with their depth. Each vertex of a panel's mesh takes 128
+    /// bytes. With a resolution in dots per inch, labels and captions are assumed to be of maximum length.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;

@@ -11,7 +11,7 @@ use crate::{Contour, INK};
 
 /// Number of samples per pixel along each axis.
 const FINE: usize = 2;
-/// Number of bytes per pixel for the depths and colours of its samples.
+/// Number of bytes per pixel for the depths and colours of the pixel's samples.
 pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
 /// Directions of the lights in the picture's axes (right, up, towards the camera), and their strengths: a key light
 /// from the upper left, and a weak light from the right that keeps the shadow side legible.

@@ -2,8 +2,8 @@
 
 use spharm_surface::Mesh;
 
-/// Percentile of the absolute values. The colour range extends to at most twice this percentile. Without a limit, a few
-/// large values would take up most of the range.
+/// Percentile of the absolute values that limits the colour range: the range extends to at most twice this percentile.
+/// Without a limit, a few large values would take up most of the range.
 const PERCENTILE: usize = 99;
 
 /// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as

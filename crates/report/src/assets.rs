@@ -1,4 +1,4 @@
-//! Provides the assets of a page: script, WebAssembly and style sheet.
+//! Provides the assets of a report page: script, WebAssembly and style sheet.
 //!
 //! `./run report-assets` builds the script from `viewer/` and the WebAssembly from `crates/viewer`, and writes the
 //! hashes of their sources to `assets/sources.txt`. A test compares these hashes with the current sources.
@@ -16,7 +16,7 @@ pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
 /// The page's style sheets, concatenated.
 pub(crate) const STYLE: &str =
     concat!(include_str!("page.css"), include_str!("table.css"), include_str!("chart.css"), include_str!("check.css"));
-/// HTML elements of a view, to be filled in by the script.
+/// HTML elements of a 3D view, which the script fills in.
 pub(crate) const VIEW: &str = include_str!("view.html");
 
 /// Returns the text of the page's script.

@@ -1,8 +1,8 @@
-//! Computes vertical axes of charts.
+//! Computes the vertical axes of charts: their ranges and ticks.
 
 use crate::text::number;
 
-/// Number of decades shown below the largest value; smaller values are rounding errors.
+/// Number of decades below the largest value that a logarithmic axis shows. Smaller values are rounding errors.
 const DECADES: f64 = 18.0;
 
 /// Scale of an axis.
@@ -74,7 +74,7 @@ impl Axis {
     }
 }
 
-/// Returns a round step between ticks, such that three to six steps reach from 0 to `top`.
+/// Returns a round number as the step between ticks, such that three to six steps reach from 0 to `top`.
 fn step(top: f64) -> f64 {
     let power = 10f64.powf((top / 6.0).log10().floor());
     [1.0, 2.0, 5.0, 10.0]

@@ -1,7 +1,7 @@
-//! Encodes the arrays of a page, which are split into byte planes, gzipped and written in base64.
+//! Encodes the arrays of a page: splits them into byte planes, compresses these by gzip, and writes them in base64.
 //!
-//! The first bytes of all numbers come first, then the second bytes of all numbers, and so on. Bytes at the same
-//! position, such as exponents, are similar in all numbers, so this order halves the compressed size.
+//! In byte planes, the first bytes of all numbers come first, then the second bytes of all numbers, and so on. Bytes at
+//! the same position, such as exponents, are similar in all numbers, so this order halves the compressed size.
 
 use std::io::Write;
 

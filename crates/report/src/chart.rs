@@ -1,4 +1,4 @@
-//! Draws line charts as SVG without scripts or embedded styles. The page's style sheet defines the colours of lines,
+//! Draws line charts as SVG without scripts or embedded styles. The page's style sheet defines the colours of the lines
 //! for light and dark mode.
 
 use std::fmt::Write;
@@ -8,7 +8,7 @@ use crate::text::{escape, number};
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 250.0;
-/// Margins of a chart around its axes: left, right, top, bottom.
+/// Margins of a chart around its axes, in SVG units: left, right, top, bottom.
 const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 
 /// A line of a chart.
@@ -16,9 +16,9 @@ const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 pub(crate) struct Line {
     pub(crate) class: &'static str,
     pub(crate) name: String,
-    /// Points (x, y) of the line; points with a y that can't be shown on the axis are skipped.
+    /// Points (x, y) of the line; points whose y can't be shown on the axis are skipped.
     pub(crate) points: Vec<[f64; 2]>,
-    /// Band of the line, as triples of x and the lowest and highest y at x; may be empty.
+    /// Band around the line, as triples of x and the lowest and highest y at x; may be empty.
     pub(crate) band: Vec<[f64; 3]>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) struct Chart<'a> {
     pub(crate) y: &'a str,
     pub(crate) lines: Vec<Line>,
     pub(crate) scale: Scale,
-    /// Whether points are marked, which is suitable for few points.
+    /// Whether points are marked by circles; suitable for a small number of points.
     pub(crate) marks: bool,
 }
 

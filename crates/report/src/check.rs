@@ -14,7 +14,7 @@ use crate::text::{escape, name, number};
 pub struct Check {
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// Subjects, the worst first.
+    /// Subjects, in order from worst to best.
     pub subjects: Vec<CheckedSubject>,
     /// Distance between surface and model that the pictures show in red, in the surfaces' unit.
     pub red_at: Option<f64>,
@@ -33,7 +33,7 @@ pub struct CheckedSubject {
     pub cells: Vec<CheckedCell>,
     /// Picture of the surface as PNG, if any.
     pub picture: Option<Vec<u8>>,
-    /// Scale of the picture, if known: 1, or less for a surface that is larger than the box common to all pictures.
+    /// Scale of the picture, if known: 1, or less if the surface is larger than the box that all pictures share.
     pub scale: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ pub struct CheckedCell {
 /// Absolute robust z above which a value is marked more strongly.
 const VERY_FAR: f64 = 3.0 * FAR;
 
-/// If a picture's scale is below this value, its caption states the scale.
+/// Scale of a picture below which its caption states the scale.
 const SMALLER: f64 = 0.95;
 
 /// Returns the section on quality control as HTML.
@@ -81,7 +81,8 @@ pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
     let rows: String = check.subjects.iter().enumerate().map(|(index, of)| row(index, of, &numeric)).collect();
     Ok(format!(
         "<section class=\"table check\" id=\"quality-control\"><h2>Quality control</h2>\n\
-         <p>{total}: {summary}. Marked values are far from the others (robust z above {FAR} or below -{FAR}).</p>\n\
+         <p>{total}: {summary}. Marked values are far from the other subjects' values (robust z above {FAR} or \
+         below -{FAR}).</p>\n\
          <div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"Quality control\">\
          <table class=\"sortable\"><thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div>\n{}</section>\n",
         pictures(check)

@@ -24,9 +24,10 @@ pub struct Contents {
     pub models: Vec<Shown>,
     /// Modes of groups, with the names of the groups.
     pub modes: Vec<(String, ShapeModel)>,
-    /// Quality of several alignments of one group, for comparison; the first is the main alignment.
+    /// Quality of the correspondence in several alignments of one group, for comparison. The first alignment is the
+    /// main one.
     pub quality: Vec<Quality>,
-    /// Tables shown unchanged, such as the status of a study's subjects.
+    /// Further tables, such as the status of a study's subjects, shown unchanged.
     pub tables: Vec<Table>,
     /// Paragraphs on methods, for a paper.
     pub methods: Vec<String>,
@@ -45,7 +46,7 @@ pub struct Shown {
     pub model: Model,
     /// Name and mesh of a surface to compare the model with, if any.
     pub surface: Option<(String, Mesh)>,
-    /// Entry of the model under `surfaces` in the report of `spharm fit`, if any.
+    /// The model's entry under `surfaces` in the report of `spharm fit`, if any.
     pub fit: Option<Value>,
 }
 

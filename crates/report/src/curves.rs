@@ -27,7 +27,8 @@ pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     .html()
 }
 
-/// Returns the chart of the root mean square distance that truncation after each degree causes, by Parseval's identity.
+/// Returns the chart of the truncation error: the root mean square distance caused by truncating the model after each
+/// degree, computed by Parseval's identity.
 pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     let degrees = coefficients.max_degree();
     let mut left_out = 0.0;

@@ -5,15 +5,15 @@ use spharm_render::RenderError;
 use spharm_shape::ShapeError;
 use spharm_surface::SurfaceError;
 
-/// Errors of this crate. `name` is the name of an item in the page.
+/// Errors of this crate. The field `name` is the name of an item in the page.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
     /// The page has no contents.
-    #[error("a page needs a model, modes, a test, quality measures or a table; found none")]
+    #[error("a page needs a model, modes, a test, quality measures or a table; found none of these")]
     Empty,
     /// A map whose number of values differs from its mesh's number of vertices.
-    #[error("{name}: map {map} has {found} values, expected one for each of {expected} vertices")]
+    #[error("{name}: map {map} has {found} values, expected one for each of the {expected} vertices")]
     ValueCount {
         /// Name of the test.
         name: String,
@@ -62,7 +62,7 @@ pub enum ReportError {
         /// Underlying error.
         source: SurfaceError,
     },
-    /// Modes from which shapes can't be computed.
+    /// Modes of a group from which shapes can't be computed.
     #[error("{name}: {source}")]
     Shape {
         /// Name of the modes.

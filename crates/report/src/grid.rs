@@ -12,7 +12,7 @@ const SAME_DIRECTION: f64 = 1.2e-7;
 /// Number of subdivisions of the coarsest icosphere for models in a page.
 const COARSEST: u32 = 4;
 
-/// Directions and triangles, in the form passed to the page.
+/// Directions and triangles, in the form in which the page's script reads them.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Grid {
     vertices: usize,

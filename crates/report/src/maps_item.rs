@@ -10,10 +10,10 @@ use crate::model_item::Drawn;
 use crate::still::still;
 use crate::text::number;
 
-/// Level of significance at which vertices are counted.
+/// Significance level: vertices with a p value of at most this level are counted.
 const LEVEL: f64 = 0.05;
 
-/// Maps of a test, in the form passed to the page's script.
+/// Maps of a test, in the form in which the page's script reads them.
 #[derive(Debug, Serialize)]
 pub(crate) struct MapsItem {
     kind: &'static str,
@@ -29,7 +29,7 @@ struct Map {
     values: Block,
     /// Whether the values are p values or false-discovery rates, which are shown as logarithms.
     probability: bool,
-    /// Values of the first and the last colour, before taking logarithms.
+    /// Values shown by the first and the last colour of the scale, before logarithms are taken.
     range: [f64; 2],
     /// Label of the colour scale.
     label: String,
@@ -48,7 +48,7 @@ impl MapsItem {
                 return Err(ReportError::ValueCount { name, map, expected, found });
             }
         }
-        // The picture uses the same ranges of colours as the script.
+        // The picture uses the same colour ranges as the script.
         let has = |name: &str| test.maps.iter().any(|(other, _)| other == name);
         // The statistic and the effect size of a test have signs only if the test has a single effect. In F tests and
         // in tests of positions, they have no sign.
@@ -136,7 +136,7 @@ fn explained(name: &str) -> Option<&'static str> {
     })
 }
 
-/// Returns a range symmetric about 0, from the finite values.
+/// Returns a range that is symmetric about 0, computed from the finite values.
 fn symmetric(values: &[f64]) -> (f64, f64) {
     symmetric_range(&values.iter().copied().filter(|value| value.is_finite()).collect::<Vec<_>>())
 }

@@ -1,4 +1,4 @@
-//! Estimates the memory for creating a page.
+//! Estimates the memory that the creation of a page needs.
 
 use spharm_model::Model;
 
@@ -6,13 +6,13 @@ use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
 /// Number of bytes per vertex of a mesh in the page: evaluated positions and triangles, their binary form, and their
-/// text. The text takes twice its size while it grows. The measured memory was 270 bytes per vertex for a model of
-/// 40,962 vertices, and another 270 bytes per vertex for its surface.
+/// text. While the text is being written, its buffer may be twice as large as the text. The measured memory was 270
+/// bytes per vertex for a model of 40,962 vertices, and another 270 bytes per vertex for its surface.
 const BYTES_PER_VERTEX: u64 = 320;
 /// Number of bytes per vertex of the search tree of a surface. A tree is built if the model is compared with a surface
 /// whose triangles differ from the model's. Only one tree exists at a time.
 const TREE: u64 = 520;
-/// Number of bytes that every page needs, including a picture while it is drawn.
+/// Number of bytes that every page needs, including those for drawing a picture.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {

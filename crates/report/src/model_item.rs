@@ -14,7 +14,7 @@ use crate::contents::Shown;
 use crate::grid::{Grid, icosphere_for};
 use crate::still::still;
 
-/// A model, in the form passed to the page's script.
+/// A model, in the form in which the page's script reads it.
 #[derive(Debug, Serialize)]
 pub(crate) struct ModelItem {
     kind: &'static str,
@@ -25,7 +25,7 @@ pub(crate) struct ModelItem {
     reference: Reference,
 }
 
-/// Reference for the distances of the model that the page shows.
+/// Reference surface from which the page measures the displayed model's distances.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Reference {
@@ -35,12 +35,12 @@ enum Reference {
     /// steps.
     Vertices { name: String, offsets: Block, step: f64 },
     /// A surface with other triangles, with the distance of each vertex of the model at its highest degree from the
-    /// nearest point of the surface. The distance is NaN for vertices that were added to close cut handles, because the
-    /// surface has nothing there.
+    /// nearest point of the surface. The distance is NaN for vertices that were added to close cut handles, because
+    /// they have no counterpart on the surface.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
-/// A mesh with fixed positions, in the form passed to the page's script.
+/// A mesh with fixed positions, in the form in which the page's script reads it.
 #[derive(Debug, Serialize)]
 pub(crate) struct Drawn {
     grid: Grid,
@@ -124,8 +124,8 @@ impl ModelItem {
     }
 }
 
-/// Returns the sphere of the model if it has triangles and at most `max_vertices` vertices, otherwise an icosphere.
-/// The model of a surface whose handles were cut always has a sphere, and is shown with the cuts.
+/// Returns the sphere of the model if it has triangles and at most `max_vertices` vertices, otherwise an icosphere. The
+/// model of a surface whose handles were cut always has a sphere, and the page shows it with the cuts.
 fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     match &model.sphere {
         Some(own) if !own.faces.is_empty() && own.directions.len() <= max_vertices => own.clone(),

@@ -1,4 +1,4 @@
-//! Prepares the modes of a group for a page, which evaluates the mean and the shapes along modes.
+//! Prepares the modes of a group for a page. The page's script evaluates the mean and the shapes along the modes.
 
 use serde::Serialize;
 use spharm_harmonics::Coefficients;
@@ -12,10 +12,10 @@ use crate::blocks::{Block, Blocks};
 use crate::grid::{Grid, icosphere_for};
 use crate::still::still;
 
-/// Maximum number of modes in the page, each with a slider.
+/// Maximum number of modes in the page. Each mode has a slider.
 const MOST: usize = 10;
 
-/// Modes of a group, in the form passed to the page's script.
+/// Modes of a group, in the form in which the page's script reads them.
 #[derive(Debug, Serialize)]
 pub(crate) struct ModesItem {
     kind: &'static str,

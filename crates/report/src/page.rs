@@ -28,7 +28,7 @@ use crate::text::{escape, json, name, number};
 #[derive(Serialize)]
 struct Info<'a> {
     items: &'a [Item],
-    /// Colours of the map viridis at equal steps.
+    /// Colours of the colour map viridis, at equal steps.
     viridis: Vec<[u8; 3]>,
     diverging: [[u8; 3]; 9],
 }
@@ -53,7 +53,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
-    // A single item with the same name as the page has no separate heading.
+    // If the page has a single item with the same name as the page, the item has no heading of its own.
     let alone = models.len() + modes.len() + tests.len() == 1;
     let mut section = |name: &str, still: &[u8], details: &str| {
         let heading = if alone && name == title.as_str() { None } else { Some(name) };

@@ -1,4 +1,4 @@
-//! Lists the provenance of a model as readable rows.
+//! Lists the provenance of a model as human-readable rows of a table.
 
 use serde_json::Value;
 use spharm_model::Model;

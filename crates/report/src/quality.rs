@@ -9,13 +9,13 @@ use crate::contents::Quality;
 use crate::table::Table;
 use crate::text::number;
 
-/// Classes in the style sheet for the two lines of each alignment. The first line shows distances at points, the second
-/// line distances between surfaces.
+/// CSS classes of the two lines of each alignment. The first line shows distances between points at equal directions,
+/// the second line distances between surfaces.
 const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
-/// Numbers of modes for which the table has columns.
+/// Numbers of modes k for which the table has a column with the measures of the first k modes.
 const SHOWN: [usize; 2] = [1, 3];
 
-/// Returns the section as HTML; empty without alignments.
+/// Returns the section as HTML; an empty string if there are no alignments.
 pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     if measured.is_empty() {
         return Ok(String::new());

@@ -4,8 +4,8 @@ use spharm_render::{Panel, Settings, encode_png, render};
 
 use crate::ReportError;
 
-/// Width and height of a panel in pixels, such that three panels fill a narrow page and a picture takes a few tens of
-/// kilobytes.
+/// Width and height of a panel in pixels. With this size, three panels fill a narrow page, and a picture takes a few
+/// tens of kilobytes.
 const SIDE: usize = 280;
 
 /// Draws panels in a row, and returns the bytes of a PNG.

@@ -12,7 +12,7 @@ pub struct Table {
     pub columns: Vec<String>,
     /// Rows of the table, with one cell per column.
     pub rows: Vec<Vec<String>>,
-    /// Line under the table, such as the name of the file that has further rows.
+    /// Note under the table, such as the name of the file that contains further rows.
     pub note: Option<String>,
 }
 
@@ -48,7 +48,7 @@ impl Table {
     }
 }
 
-/// Returns the heading of a column, aligned like its cells.
+/// Returns the heading of a column as HTML, aligned like the cells of the column.
 pub(crate) fn head(column: &str, numeric: bool) -> String {
     let class = if numeric { " class=\"number\"" } else { "" };
     format!("<th scope=\"col\"{class}>{}</th>", name(column))

@@ -21,8 +21,8 @@ pub(crate) fn escape(text: &str) -> String {
     escaped
 }
 
-/// Returns escaped text with isolated writing direction, so that a right-to-left name doesn't affect the text that
-/// follows.
+/// Returns escaped text in a `<bdi>` element, which isolates its writing direction, so that a right-to-left name
+/// doesn't affect the text that follows.
 pub(crate) fn name(text: &str) -> String {
     format!("<bdi>{}</bdi>", escape(text))
 }

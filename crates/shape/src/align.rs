@@ -13,9 +13,9 @@
 //! The best Q for a given R has a closed form, so a search over a grid of R finds both rotations. Newton's method then
 //! refines two sets of rotations to an accuracy of 1e-13: the best local maxima of the grid, and the four rotations
 //! that align the axes of the first-order ellipsoids. No initial alignment is needed and the result doesn't depend on
-//! the surfaces' poses. The grid uses only the degrees below its bandwidth. The refinement uses all degrees. With
-//! bandwidth 8 and 6 starts, the search found the best known optimum for all of 30 random pairs of hippocampi at degree
-//! 12; for these pairs, bandwidth 5 and 3 starts were enough.
+//! the surfaces' poses. The search on the grid uses only the degrees below the grid's bandwidth; the refinement uses
+//! all degrees. With bandwidth 8 and 6 starts, the search found the best known optimum for all of 30 random pairs of
+//! hippocampi at degree 12; for these pairs, bandwidth 5 and 3 starts were enough.
 //!
 //! Mirror images are matched only if `mirror` is set.
 //!
@@ -63,9 +63,10 @@ use crate::refine::{Fit, Space, Target, distance};
 use crate::rotation::Rotation;
 use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 
-/// Maximum ratio of the distance at equal directions to the distance between the surfaces for which a joint search of
-/// both rotations is tried. Above this ratio, the same direction denotes different places on the two surfaces. The
-/// joint search uses the coefficients instead of sampled points, and determines the pose to rounding error.
+/// Maximum ratio of two distances for which a joint search of both rotations is tried: the distance between points at
+/// equal directions, divided by the distance between the surfaces. Above this ratio, the same direction denotes
+/// different places on the two surfaces. The joint search uses the coefficients instead of sampled points, and
+/// determines the pose to rounding error.
 const NEAR: f64 = 2.0;
 
 /// Transform, distances and warnings of an alignment.
@@ -73,7 +74,7 @@ const NEAR: f64 = 2.0;
 pub struct AlignReport {
     /// Transform applied to the moving surface.
     pub transform: Transform,
-    /// Highest degree compared.
+    /// Highest degree up to which the surfaces were compared.
     pub degree: usize,
     /// Root mean square distance before the alignment, in the surfaces' unit.
     pub rmsd_before: f64,
@@ -96,9 +97,9 @@ pub struct AlignReport {
 /// An aligned surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
-    /// The moving surface after the transform, at all its degrees.
+    /// Coefficients of the moving surface after the transform, up to its own highest degree.
     pub coefficients: Coefficients,
-    /// Transform, distances and warnings.
+    /// Transform, distances and warnings of the alignment.
     pub report: AlignReport,
 }
 
@@ -220,7 +221,7 @@ fn reported(
     })
 }
 
-/// Returns the fit without any rotation, as for a surface that is a point: both rotations are the identity.
+/// Returns the fit in which both rotations are the identity, for surfaces without extent (single points).
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }

@@ -2,32 +2,34 @@
 //!
 //! Ward's linkage repeatedly merges two clusters, each time the pair whose merge least increases the sum of squared
 //! distances from the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective function", JASA 58,
-//! 1963). It is computed by the crate kodama. The number of clusters may be chosen by the mean silhouette (P. J.
-//! Rousseeuw, "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
+//! 1963). The crate kodama computes the linkage. If no number of clusters is given, the number with the largest mean
+//! silhouette is chosen (P. J. Rousseeuw, "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987).
+//! The result is deterministic.
 //!
 //! Cost for n models: O(n^2) time, and 8 n^2 bytes for two copies of the distances between all pairs.
 
 use crate::error::ShapeError;
 
-/// Largest number of clusters tried if the number isn't given.
+/// Largest number of clusters that is tried if the caller gives no number.
 const MOST: usize = 10;
 
 /// A partition of models into clusters.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Clusters {
-    /// Cluster of each model, counted from 0. Clusters are in order of decreasing size, and clusters of equal size in
-    /// the order of their first models.
+    /// Number of each model's cluster, from 0. Clusters are numbered in order of decreasing size, and clusters of equal
+    /// size in the order of their first models.
     pub of: Vec<usize>,
-    /// Silhouette of each model, from -1 to 1. It is near 1 if the model's own cluster is much nearer than the nearest
-    /// other cluster, and 0 if both are equally near. A model that is alone in its cluster has silhouette 0.
+    /// Silhouette of each model, from -1 to 1. It is near 1 if the model is much nearer to its own cluster than to any
+    /// other cluster, and 0 if it is equally near to its own and the nearest other cluster. A model that is alone in
+    /// its cluster has silhouette 0.
     pub silhouettes: Vec<f64>,
     /// Most typical model of each cluster: the model with the smallest sum of squared distances from the other models
     /// in the cluster.
     pub typical: Vec<usize>,
     /// Mean silhouette of all models.
     pub mean: f64,
-    /// Numbers of clusters tried, with their mean silhouettes; empty if the number was given.
+    /// Numbers of clusters that were tried, each with its mean silhouette; empty if the caller gave the number.
     pub tried: Vec<(usize, f64)>,
 }
 
@@ -170,7 +172,8 @@ mod tests {
         assert_eq!(found.of, [1, 2, 1, 0, 0, 1, 2, 0, 0]);
         assert_eq!(found.tried.len(), 7);
         assert!(found.tried.iter().all(|(count, mean)| *count == 3 || *mean < found.mean));
-        // The typical model is the middle one of its cluster, or the first of two.
+        // On a line, the typical model of a cluster is the point in the middle, or the first point if the cluster has
+        // only two.
         assert_eq!(found.typical, [4, 5, 1]);
         // The distance of point 1 from the other point of its cluster is 0.4, and its mean distance from the nearest
         // other cluster is 9.9.

@@ -1,13 +1,14 @@
-//! Computes derivatives under rotations: the operators L_x, L_y, L_z, which map each degree to itself.
+//! Computes the derivatives of functions on the sphere under rotations: the operators L_x, L_y, L_z. For a function f,
+//! a direction u and the unit vector e_k along axis k:
 //!
 //! ```text
 //! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
 //! ```
 //!
 //! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it maps each
-//! degree to itself. Hence the gradient of a sum of harmonics needs only a synthesis, and no derivatives with respect
-//! to angles, which are singular at the poles. The operators act on the complex coefficients c of a degree as follows
-//! (D. A. Varshalovich et al., Quantum Theory of Angular Momentum (1988), section 5.8; our L is `i` times their
+//! degree to itself. Therefore the gradient of a sum of harmonics needs only a synthesis, and no derivatives with
+//! respect to angles, which are singular at the poles. The operators act on the complex coefficients c of a degree as
+//! follows (D. A. Varshalovich et al., Quantum Theory of Angular Momentum (1988), section 5.8; our L is `i` times their
 //! operator), with `p = sqrt((l - m + 1)(l + m))` and `q = sqrt((l + m + 1)(l - m))`:
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! Computes descriptors that are invariant under rotations: the power and the singular values of each degree.
+//! Computes rotation-invariant descriptors of a model: the power and the singular values of each degree.
 //!
 //! Let A_l be the 2l + 1 rows of the coefficients of degree l. Then:
 //!
@@ -10,9 +10,9 @@
 //! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
 //! either, so the descriptors can't detect it. The power is described by M. Kazhdan, T. Funkhouser and S. Rusinkiewicz,
 //! "Rotation invariant spherical harmonic representation of 3D shape descriptors", SGP 2003. The singular values also
-//! describe how a degree is distributed over the axes. The descriptors depend on the parameterisation. For comparisons,
-//! map surfaces to the sphere without area distortion (setting `area` 0), because other maps also depend on the
-//! triangles of the input mesh. Degree 0, which is the position, is excluded.
+//! describe how the power of a degree is distributed over the axes. The descriptors depend on the parameterisation. For
+//! comparisons, map surfaces to the sphere without area distortion (setting `area` 0), because other maps also depend
+//! on the triangles of the input mesh. Degree 0, which is the position, is excluded.
 //!
 //! In Python, `Model.spectrum` has the value 4 pi P_l for each degree l from 0 to L: the sum of the squares of the
 //! degree's coefficients.
@@ -21,8 +21,9 @@
 //! surfaces' points at equal directions. This bound holds for any rotation, reflection and translation of the surfaces,
 //! and for any rotation of their spheres. It follows from L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) -
 //! sigma_i(B))^2 <= |A - B|^2`, for each degree. Retrieval by the distance between singular values is therefore exact;
-//! see [`retrieval`](crate::retrieval). The distance between singular values isn't a bound of the distance between the
-//! surfaces themselves: two models of the same surface differ if the surface was mapped to the sphere in two ways.
+//! see [`retrieval`](crate::retrieval). The distance between singular values doesn't bound the distance between the
+//! surfaces themselves: two models of the same surface have different singular values if the surface was mapped to the
+//! sphere in two ways.
 //!
 //! Cost: about 100 flops per coefficient.
 

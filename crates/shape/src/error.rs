@@ -51,7 +51,7 @@ pub enum ShapeError {
         /// Number of subjects in the group.
         subjects: usize,
     },
-    /// Sign flips of single rows were requested, but the rows of a block depend on each other.
+    /// Sign flips of single rows were requested, although the rows of a block depend on each other.
     #[error(
         "the rows of a block depend on each other, so {} of single rows aren't valid: exchange whole blocks \
          (--whole-blocks, whole_blocks), or assume exchangeable errors (--errors exchangeable)",
@@ -139,7 +139,7 @@ pub enum ShapeError {
         /// The contrast found.
         found: String,
     },
-    /// A contrast tests a mean, but the values are relative to the mean of all subjects.
+    /// A contrast that tests a mean, although the values are differences from the mean of all subjects.
     #[error(
         "contrast {tested:?} tests a mean, but the values are differences from the mean of all subjects; test a \
          difference, whose weights add up to zero, or give two \
@@ -157,7 +157,7 @@ pub enum ShapeError {
     EmptyCell {
         /// The interaction, with the names of its columns.
         interaction: String,
-        /// The levels that don't occur together, one of each column.
+        /// The two levels that don't occur together, one from each column.
         levels: [String; 2],
     },
     /// Welch's test was requested for something other than the difference between two groups.
@@ -182,7 +182,7 @@ pub enum ShapeError {
     /// The models have different degrees, but must have equal degrees.
     #[error("model {}: expected {expected} coefficients per coordinate, as in the first model, found {found}", .index + 1)]
     Degrees {
-        /// Index of the model, from 0.
+        /// Index of the model whose degree differs, from 0.
         index: usize,
         /// Expected number of coefficients, K.
         expected: usize,
@@ -197,7 +197,7 @@ pub enum ShapeError {
         /// Number of modes.
         modes: usize,
     },
-    /// The singular value decomposition doesn't converge.
+    /// The singular value decomposition didn't converge.
     #[error("the singular value decomposition of the group did not converge")]
     NoDecomposition,
     /// The monitor cancelled the computation.
@@ -249,7 +249,7 @@ pub enum ShapeError {
         /// Value found.
         found: usize,
     },
-    /// The requested degree is above the degree of some models.
+    /// The requested degree is above the degree of at least one model.
     #[error("the models have degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}")]
     DegreeAbove {
         /// Lowest degree of the models.
@@ -292,7 +292,7 @@ pub enum ShapeError {
     /// Invalid directions or coefficients.
     #[error("{0}")]
     Harmonics(#[from] HarmonicsError),
-    /// An error of the transform.
+    /// An error from the spherical-harmonic transform.
     #[error("{0}")]
     Transform(#[from] TransformError),
     /// The group is too small.
@@ -323,7 +323,7 @@ pub enum ShapeError {
         /// Whether the file is the journal of another alignment.
         is_one: bool,
     },
-    /// The journal is in use by a run that hasn't ended.
+    /// The journal is in use by another process.
     #[error("{}: another process is aligning this group; wait until that process ends, or choose another file", path.display())]
     JournalInUse {
         /// Path of the file.

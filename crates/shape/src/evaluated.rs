@@ -10,12 +10,12 @@ use spharm_transform::{Transform as Synthesis, TransformParams};
 use crate::error::ShapeError;
 use crate::transform::{Similarity, Transform};
 
-/// Number of subdivisions of the icosphere, which has 2,562 vertices.
+/// Number of subdivisions of the icosphere, which then has 2,562 vertices.
 const LEVEL: u32 = 4;
 /// Accuracy of the evaluated vertices, relative to the coefficients.
 const ACCURACY: f64 = 1e-6;
 
-/// Sphere and transform shared by all evaluations at one degree.
+/// Sphere and transform with which models are evaluated at one degree.
 pub(crate) struct Evaluated {
     sphere: Mesh,
     transform: Synthesis,

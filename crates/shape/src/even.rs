@@ -3,17 +3,17 @@
 //! An icosphere's vertices are spread evenly on the sphere. Mapped to the surface, they are sparse in regions with a
 //! large area element `|N|` ([`geometry`](crate::geometry)). J. Moser's flow ("On the volume elements on a manifold",
 //! Trans. Amer. Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990))
-//! transports the uniform density 1 to the density `rho = |N| / mean`, without a search:
+//! transports the uniform density 1 to the density `rho = |N| / mean(|N|)`, without a search:
 //!
 //! ```text
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
 //! This velocity satisfies the continuity equation, `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l /
-//! (l (l + 1))` and `-grad psi = u x L psi`, so a step needs only a synthesis. The density is expanded to degree 2L and
-//! at least 16, but no further than the mesh can resolve. A heat kernel smooths the density and damps its highest
-//! degree to 5 %, so that truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. The flow is
-//! integrated by fourth-order Runge-Kutta steps.
+//! (l (l + 1))` and `-grad psi = u x L psi`, so a step needs only a synthesis. For a surface of degree L, the density
+//! is expanded to degree 2L or 16, whichever is higher, but no further than the mesh can resolve. A heat kernel smooths
+//! the density and damps its highest degree to 5 %, so that truncation causes no ripples. The density is kept above
+//! [`LEAST_DENSITY`]. The flow is integrated by fourth-order Runge-Kutta steps.
 //!
 //! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
 //! as many rings as the density's degree.
@@ -34,9 +34,9 @@ use crate::geometry::side_by_side;
 use crate::heat::HeatKernel;
 use crate::measures::{Columns, Grid};
 
-/// Minimum density of the directions, relative to the mean.
+/// Minimum density of the directions, relative to the mean density.
 pub const LEAST_DENSITY: f64 = 0.02;
-/// Value of `name` in [`ShapeError::Setting`] if the sphere has no triangles.
+/// Value of `name` in the [`ShapeError::Setting`] that is returned for a sphere without triangles.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
 /// Factor by which the heat kernel damps the density's highest degree.
 const LEFT: f64 = 0.05;
@@ -50,8 +50,8 @@ pub struct EvenSphere {
     pub before: f64,
     /// Standard deviation of the surface's triangle areas divided by their mean, after the relocation.
     pub after: f64,
-    /// Number of triangles that the relocation inverted. The surface is folded at these triangles. The number is 0
-    /// unless the mesh is too coarse for the variation of the area element.
+    /// Number of triangles that the relocation inverted. The surface is folded there. The number is 0 unless the mesh
+    /// is too coarse for the variation of the area element.
     pub folded: usize,
 }
 
@@ -135,7 +135,7 @@ impl Flow {
         Ok(Self(side_by_side(&[density, x, y, z])))
     }
 
-    /// Returns the velocity `-grad psi / rho_t` at directions, which needn't be of unit length.
+    /// Returns the velocity `-grad psi / rho_t` at the directions `at`, which needn't be of unit length, at time t.
     fn velocity(&self, at: &[Vec3], t: f64) -> Result<Vec<Vec3>, ShapeError> {
         let directions = Directions::from_vertices(at)?;
         let samples = synthesis(&directions, self.0.view())?;

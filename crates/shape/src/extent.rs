@@ -8,8 +8,8 @@ use crate::singular_values::singular_values;
 
 /// Singular values below this fraction of the largest one are treated as rounding errors.
 const NEGLIGIBLE: f64 = 1e-12;
-/// Lower limit for the largest coefficient. The upper limit is the inverse of this value. Within these limits, areas,
-/// volumes and their squares neither overflow nor underflow.
+/// Lower limit for the largest absolute coefficient. The upper limit is the reciprocal of this value. Within these
+/// limits, areas, volumes and their squares neither overflow nor underflow.
 const LEAST: f64 = 1e-50;
 
 /// Dimension of the space that a model spans.

@@ -1,5 +1,4 @@
-//! Measures a group of models at the vertices of a common sampling; the measurements are the input of statistical
-//! tests.
+//! Measures a group of models at the vertices of a common sphere, as input for statistical tests.
 
 use ndarray::{Array2, Axis, s};
 use spharm_harmonics::{Coefficients, Directions};
@@ -17,14 +16,14 @@ pub enum Measurement {
     Normal,
     /// Position: three components.
     Position,
-    /// The value of a function: one component.
+    /// Value of a function on the sphere: one component.
     Value,
 }
 
 /// Measurements of n models at V vertices.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Values (n, V d), with the d components of a vertex in adjacent columns.
+    /// Measured values (n, V d): a row for each model, with the d components of each vertex in adjacent columns.
     pub values: Array2<f64>,
     /// Number of components per vertex, d.
     pub components: usize,
@@ -67,7 +66,8 @@ impl Field {
 }
 
 /// Measures a group of models at directions, up to the first model's degree; the other models must have at least that
-/// degree. Memory: `8 n V d` bytes and the memory of a transform.
+/// degree. Memory: `8 n V d` bytes for n models and d components at each of V directions, and the memory of a
+/// transform.
 ///
 /// # Errors
 ///

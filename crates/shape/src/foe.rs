@@ -7,10 +7,10 @@
 //! space and in the parameters. R and Q are rotations. If F includes a reflection, the third diagonal element is
 //! negative.
 //!
-//! The frame is determined only up to half turns about the axes, applied to both the parameters and space. It is
-//! undetermined if two of the singular values are equal. The half turn is chosen by the signs of the surface's skewness
-//! along x and y, so that the frame rotates with the surface. The skewness along axis c is `int f_c^3 du`, the integral
-//! over the sphere of the cube of the surface's coordinate f_c.
+//! The frame is determined only up to a half turn about one of the axes, applied to both the parameters and space, and
+//! it is undetermined if two of the singular values are equal. The half turn is chosen by the signs of the surface's
+//! skewness along x and y, so that the frame rotates with the surface. The skewness along axis c is `int f_c^3 du`, the
+//! integral over the sphere of the cube of the surface's coordinate f_c.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, Directions, gauss_legendre, synthesis};
@@ -42,7 +42,7 @@ pub struct EllipsoidFrame {
 }
 
 impl EllipsoidFrame {
-    /// Finds the frame of a surface. For a surface without degree 1, the frame is the identity.
+    /// Finds the frame of a surface. For a surface without coefficients of degree 1, the frame is the identity.
     ///
     /// # Errors
     ///
@@ -75,8 +75,8 @@ impl EllipsoidFrame {
     }
 }
 
-/// Returns U, the singular values and V of the rows of degree 1. U and V are rotations, so the last singular value may
-/// be negative.
+/// Returns the singular value decomposition of the rows of degree 1: U, the singular values and V. U and V are
+/// rotations, so the last singular value may be negative.
 fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     let values = coefficients.values();
     if coefficients.max_degree() == 0 {
@@ -101,8 +101,8 @@ fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix
     (u, values, v)
 }
 
-/// Returns the four rotations of the parameters that align the axes of the ellipsoids of two surfaces (K, 3), or none
-/// if a surface has no degree 1.
+/// Returns the four rotations of the parameters that align the axes of the ellipsoids of two surfaces (K, 3), or no
+/// rotations if a surface has degree 0.
 pub(crate) fn common_axes(from: &[[f64; 3]], to: &[[f64; 3]]) -> Vec<Rotation> {
     if from.len() < 4 || to.len() < 4 {
         return Vec::new();

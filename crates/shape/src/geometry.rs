@@ -1,7 +1,8 @@
 //! Computes the differential geometry of a model exactly from its coefficients: tangents, normal, fundamental forms and
 //! curvatures.
 //!
-//! With [`L_k`](crate::derivatives) and a tangent frame `e1 x e2 = u` of the sphere, held fixed,
+//! Let X be the position at the direction u, [`L_k`](crate::derivatives) the derivatives under rotations, and (e1, e2)
+//! an orthonormal tangent frame of the sphere with `e1 x e2 = u`, held fixed. Then
 //!
 //! ```text
 //! X_1 = sum_k e2_k L_k X,    X_2 = -sum_k e1_k L_k X,    S_ij = (L_i L_j + L_j L_i) X / 2,
@@ -15,9 +16,9 @@
 //! points outwards. There is no singularity at the poles, because no angles are used.
 //!
 //! The principal curvatures are computed from the second form, with entries a, b, c, in an orthonormal basis of the
-//! tangent plane. Its discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, unlike `H^2 - K`. If |N| is
-//! below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane, and the normal, the second form and
-//! the curvatures are set to 0.
+//! tangent plane. The discriminant `((a - c) / 2)^2 + b^2` of this form is free of cancellation at umbilics, unlike
+//! `H^2 - K`. If |N| is below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane, and the normal,
+//! the second form and the curvatures are set to 0.
 //!
 //! Cost: ten syntheses of three columns. The number of directions evaluated at a time is limited to between 2^18 and
 //! 2^21, depending on the degree. The workspace takes 240 bytes for each of these directions. The result takes 168
@@ -45,7 +46,7 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 /// Geometry of a surface at one direction, with lengths in the surface's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalGeometry {
-    /// Position X of the surface.
+    /// Position X of the surface's point.
     pub position: Vec3,
     /// Tangents `X_1` and `X_2`: the derivatives of the position along the two vectors of the [frame](tangent_frame).
     pub tangents: [Vec3; 2],
@@ -225,9 +226,8 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Returns the number of directions to evaluate together. The number is large enough that planning the transform
-/// doesn't dominate the time, because the cost of planning depends only on the degree. The number is small enough to
-/// bound the memory.
+/// Returns the number of directions to evaluate together. The number is small enough to bound the memory, but so large
+/// that planning the transform, whose cost depends only on the degree, doesn't dominate the time.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

@@ -21,11 +21,11 @@ impl Pose {
     }
 }
 
-/// A member of a group, with its coefficients in its pose.
+/// A member of a group, with its coefficients after its pose was applied.
 #[derive(Debug, Clone)]
 pub(crate) struct Member {
     pub(crate) pose: Pose,
-    /// Coefficients (K, 3) in the pose, with row 0 set to zero.
+    /// Coefficients (K, 3) after the pose was applied, with row 0 (the position) set to zero.
     pub(crate) rows: Vec<[f64; 3]>,
 }
 
@@ -103,7 +103,7 @@ impl Round {
     }
 }
 
-/// Returns the mean of the members' rows, which are added in the order of the members.
+/// Returns the mean of the members' rows. The sum is taken in the order of the members, so the result is reproducible.
 pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
     let mut mean = vec![[0.0; 3]; members.first().map_or(0, |member| member.rows.len())];
     for member in members {

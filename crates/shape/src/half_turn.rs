@@ -1,12 +1,12 @@
 //! Applies the half turn J about (y + z)/sqrt2 to the coefficients of one degree. Any rotation is a product of two half
 //! turns J and three rotations about z.
 //!
-//! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
-//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, where `al`, `be` and `ga` are the Euler
-//! angles, Z(t) is the rotation about z by t, and J is real, symmetric and its own inverse. J is computed from
-//! [`Delta`](crate::quarter), a quarter of Wigner's matrix d^l(pi/2). With c_i = sqrt2 except c_0 = 1,
-//! `s_i = (-1)^floor(i/2)`, and `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, with another factor -1 in w_{ik} if i and k are
-//! both odd,
+//! The method is from D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations
+//! of atomic orbitals in space-fixed axes", J. Phys. A 40 (2007): a rotation is `D = Z(al) J Z(be) J Z(ga)`, where
+//! `al`, `be` and `ga` are the Euler angles, Z(t) is the rotation about z by t, and J is real, symmetric and its own
+//! inverse. J is computed from [`Delta`](crate::quarter), a quarter of Wigner's matrix d^l(pi/2). With c_i = sqrt2
+//! except c_0 = 1, `s_i = (-1)^floor(i/2)`, and `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, with another factor -1 in w_{ik}
+//! if i and k are both odd, J maps the coefficients of degree l as follows:
 //!
 //! ```text
 //! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
@@ -17,13 +17,13 @@
 //! J. By these formulas, each row i reads either cosines or sines. A batch of W rows of the same parity is computed at
 //! once, with one row per SIMD lane. The values of a row are used immediately and never stored. Cost:
 //! `(l+1)^2 (3 + 2c)` flops for c columns, not counting rows that are so small that they are treated as zero, and O(l)
-//! memory. Using the quarter's symmetry could save half of the recurrence, but would require loading and storing the
-//! sums every few products.
+//! memory. The quarter's symmetry could save half of the recurrence, but the sums would then have to be loaded and
+//! stored every few products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};
 
-/// Coefficients of one degree, by order, and buffers for the half turn J.
+/// Coefficients of one degree, sorted by order, and buffers for the half turn J.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
     /// Coefficients (l + 1, columns) of cos(k phi).

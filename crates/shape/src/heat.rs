@@ -9,9 +9,9 @@
 //! The kernel is from M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying
 //! the amount of gray matter", IEEE Trans. Med. Imaging 26 (2007). The formula for the full width at half maximum
 //! (FWHM) is exact for a Gaussian in the plane. On the sphere, the width is larger than the formula by a factor of
-//! 1.0002 at s = 1e-3, 1.0017 at s = 1e-2, and 1.017 at s = 0.1. Degree 0, and therefore the mean position, is
-//! unchanged. The width refers to the sphere of directions. In the surface's unit, the width varies with the area
-//! element, and is about `FWHM sqrt(area / (4 pi))`.
+//! 1.0002 at s = 1e-3, 1.0017 at s = 1e-2, and 1.017 at s = 0.1. The coefficients of degree 0, and therefore the mean
+//! position, don't change. The width refers to the sphere of directions. Measured on the surface, in its unit, the
+//! width varies with the area element, and is about `FWHM sqrt(area / (4 pi))`.
 
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;
@@ -34,7 +34,7 @@ impl HeatKernel {
     /// [`ShapeError::Setting`] if s is negative or not finite.
     pub fn after(time: f64) -> Result<Self, ShapeError> {
         if !(time >= 0.0 && time.is_finite()) {
-            let (name, expected) = ("the time of diffusion", "it must be finite and not negative");
+            let (name, expected) = ("the diffusion time", "it must be finite and not negative");
             return Err(ShapeError::Setting { name, expected, found: time.to_string() });
         }
         Ok(Self { time })

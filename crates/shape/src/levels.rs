@@ -4,8 +4,9 @@
 //! tail(d) = sqrt(sum over l > d of |A_l|^2 / (4 pi))
 //! ```
 //!
-//! is the root mean square distance over the sphere between the model and its truncation to degree d. The formula is
-//! exact, and no surface is evaluated. Distances to the nearest point of the surface are smaller.
+//! is the root mean square distance over the sphere between the model and its truncation to degree d. A_l are the
+//! coefficients of degree l. The formula is exact, and no surface is evaluated. Distances from points to the nearest
+//! points of the other surface are smaller.
 
 use ndarray::{Axis, Slice};
 use spharm_harmonics::Coefficients;

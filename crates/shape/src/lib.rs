@@ -10,11 +10,11 @@
 //! | module | contents |
 //! |---|---|
 //! | [`rotation`] | rotations from angles, axes, quaternions and matrices |
-//! | [`rotate`] | coefficients rotated in their parameters |
-//! | [`transform`] | surfaces and models transformed in space and in their parameters |
+//! | [`rotate`] | rotation of a model's parameters, applied to its coefficients |
+//! | [`transform`] | transforms of surfaces and models in space and in their parameters |
 //! | [`mod@align`] | alignment of one surface to another, by a search of all rotations of the parameters and of space |
 //! | [`foe`] | the frame of the first-order ellipsoid |
-//! | [`mod@procrustes`] | alignment of a group of surfaces, and its mean |
+//! | [`mod@procrustes`] | alignment of a group of surfaces, and the group's mean |
 //! | [`derivatives`] | the operators L_x, L_y, L_z, which map each degree to itself |
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
 //! | [`mod@mean`] | truncation of groups to a common degree, and their mean |

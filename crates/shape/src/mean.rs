@@ -18,7 +18,7 @@ pub struct CommonDegree {
     pub warning: Option<DegreesDiffer>,
 }
 
-/// Warning that models have different degrees and are compared at the lowest one.
+/// Warning that models have different degrees, and that only the degrees up to the lowest of these are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DegreesDiffer {
     /// Lowest degree of the models, to which all are truncated.

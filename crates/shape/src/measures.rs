@@ -1,7 +1,8 @@
 //! Computes area, volume and centroid of a model by Gauss-Legendre quadrature over the sphere.
 //!
 //! The grid has n rings of 2n azimuths. Each direction of ring j has the weight `w = w_j pi / n`, where w_j is the
-//! ring's Gauss-Legendre weight. With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry):
+//! ring's Gauss-Legendre weight. With the position X and the area vector `N = X_1 x X_2` (see
+//! [`geometry`](crate::geometry)):
 //!
 //! ```text
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
@@ -11,8 +12,8 @@
 //! Their integrands are polynomials of degree 3L and 4L, and quadrature on n rings is exact up to degree 2n - 1. Volume
 //! and centroid are therefore exact, except for rounding errors, if `n` is at least `2L + 1`. |N| isn't a polynomial.
 //! The area is therefore computed on L + 1 rings (at least 8), and the number of rings is doubled until the area
-//! changes by less than a tolerance. The last change is reported. It is an estimate of the error on the coarser of the
-//! last two grids. The area returned is from the finer grid, whose error is much smaller.
+//! changes by less than a tolerance. The last change is reported. It estimates the error of the area on the coarser of
+//! the last two grids. The reported area is that on the finer grid, whose error is much smaller.
 //!
 //! Cost: four syntheses of three columns at 2 n^2 directions for each grid. The number of directions evaluated at a
 //! time is limited to between 2^18 and 2^21, depending on the degree. Each of these directions takes 96 bytes. Sums are
@@ -32,7 +33,7 @@ use crate::error::ShapeError;
 use crate::extent::{Extent, extent};
 use crate::geometry::{run_length, side_by_side, tangent_frame};
 
-/// The map from the sphere is regarded as squeezed at points whose area element is below this share of its mean.
+/// Points whose area element is below this fraction of its mean are regarded as squeezed by the map from the sphere.
 pub const SQUEEZED: f64 = 1e-3;
 
 /// Settings of [`measure`], which determine the convergence of the area.
@@ -52,7 +53,7 @@ impl Default for MeasureParams {
     }
 }
 
-/// Area, volume, centroid and related measures of a surface, in its unit.
+/// Area, volume, centroid and related measures of a surface, in the surface's unit of length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measures {
     /// Area of the surface.
@@ -189,11 +190,11 @@ pub fn measure(
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     area: f64,
-    /// Sum that equals three times the volume.
+    /// Three times the volume.
     volume: f64,
-    /// Sum that equals four times the first moment of the volume.
+    /// Four times the first moment of the volume.
     moment: Vec3,
-    /// Solid angle in which the area element is below the threshold.
+    /// Solid angle of the directions whose area element is below the threshold.
     squeezed: f64,
 }
 

@@ -1,4 +1,4 @@
-//! Estimates the memory for analyses of groups, with K = (L + 1)^2 coefficients per column of a model.
+//! Estimates the memory that analyses of groups need. A model has K = (L + 1)^2 coefficients per column.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -30,7 +30,7 @@ impl GroupSizes {
     }
 
     /// Returns the number of bytes for aligning the group, in addition to the coefficients. The members in their poses
-    /// take `96 n K`. The surfaces of the mean and of one member are stored once. Each thread takes the larger of
+    /// take `96 n K`. The surfaces of the mean and of one member are stored once. Each thread needs the larger of
     /// [`align_bytes`] and the memory of a surface with its search tree.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
@@ -94,8 +94,8 @@ impl GroupSizes {
     }
 }
 
-/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices. Each thread has the maps
-/// of a batch of relabellings and a forest of regions. All threads share the graph of the surface.
+/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices. Each thread holds the
+/// maps of a batch of relabellings and a forest of regions; all threads share the graph of the surface.
 #[must_use]
 pub fn regions_bytes(vertices: u64, threads: usize) -> u64 {
     vertices.saturating_mul((64 * 8 + 72) * threads as u64 + 200)
@@ -109,8 +109,8 @@ pub fn align_bytes(max_degree: usize) -> u64 {
 }
 
 /// Returns the number of bytes that [`local_geometry`](crate::local_geometry) uses for `directions` directions,
-/// including the result. It has two parts: 368 bytes per direction while the result is collected, and the transform of
-/// 30 columns with its output for the directions evaluated at a time.
+/// including the result. The number has two parts: 368 bytes per direction while the result is collected, and the
+/// transform of 30 columns with its output for the directions evaluated at a time.
 #[must_use]
 pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
@@ -124,8 +124,8 @@ pub fn measure_bytes(max_degree: usize) -> u64 {
     evaluating(2 * (rings * rings) as u64, max_degree, 12, run_length(max_degree))
 }
 
-/// Returns the number of bytes for directions, transform and values, if at most `most` directions are evaluated
-/// together.
+/// Returns the number of bytes for directions, transform and values, if at most `most` directions are evaluated at a
+/// time.
 fn evaluating(directions: u64, max_degree: usize, channels: usize, most: usize) -> u64 {
     let run = usize::try_from(directions).unwrap_or(usize::MAX / 1024).min(most);
     let params = TransformParams { max_degree, accuracy: FINEST, channels: channels.min(3) };

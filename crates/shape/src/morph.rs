@@ -23,14 +23,14 @@ use crate::{MeasureParams, Rotation, ShapeError, measure};
 /// this minimum, the surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
-/// Returns the method of alignment for a path if no method is requested. Members of one group keep their parameters,
+/// Returns the default method of alignment for a path between two models. Members of one group keep their parameters,
 /// because these already correspond. If mirror images may be matched (`mirror`), the parameters must be searched too.
 #[must_use]
 pub fn default_method(from: &Model, to: &Model, mirror: bool) -> Method {
     if from.is_in_group_of(to) && !mirror { Method::FixedParameters } else { Method::Joint }
 }
 
-/// A path between two surfaces of one degree.
+/// A path between two surfaces of the same degree.
 #[derive(Debug, Clone)]
 pub struct Morph {
     /// The first surface, transformed to the second surface's parameters and pose.

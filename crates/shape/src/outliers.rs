@@ -68,7 +68,7 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
 pub struct Influence {
     /// Index of the member, from 0.
     pub index: usize,
-    /// Fraction by which the variance along the mode decreases if the member is left out, above 0.5 and at most 1.
+    /// Fraction by which the variance along the mode decreases without the member; above 0.5, and at most 1.
     pub share: f64,
 }
 
@@ -93,7 +93,7 @@ pub fn influential(scores: &[f64]) -> Option<Influence> {
     if squares <= 0.0 {
         return None;
     }
-    // Without the member the mean moves too, so the sum of squares falls by `far` n / (n - 1).
+    // If the member is left out, the mean moves too, so the sum of squares falls by `far` n / (n - 1).
     let left = (1.0 - far * n / (n - 1.0) / squares).max(0.0);
     let share = 1.0 - left * (n - 1.0) / (n - 2.0);
     // The member's deviation, divided by the standard deviation of the other members, has a t distribution with n - 2
@@ -194,7 +194,8 @@ mod tests {
         assert!((found.share - (1.0 - variance(&others) / variance(&scores))).abs() < 1e-12, "{found:?}");
         // Without the outlier, no other member dominates the mode.
         assert_eq!(influential(&others), None);
-        // One distant score among five scores isn't improbable enough, and equal scores have no variance.
+        // With only five scores, one distant score isn't improbable enough to be an outlier. Equal scores have no
+        // variance.
         assert_eq!(influential(&[0.0, 0.2, -0.1, 0.1, 1.0]), None);
         assert_eq!(influential(&[1.0; 6]), None);
         let all = influential(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();

@@ -1,6 +1,7 @@
 //! Searches the rotations of the parameters and of space jointly for a pair of surfaces.
 //!
-//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q for a given
+//! Let f and g be the coefficients of the two surfaces without row 0, R a rotation of the parameters, and Q a rotation
+//! of space. Then `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q for a given
 //! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so a search over a [grid](crate::so3_grid) of R alone
 //! finds both rotations. The best local maxima of the grid are [refined](mod@crate::refine). The four rotations that
 //! align the axes of both surfaces' [first-order ellipsoids](crate::foe) are refined too, because optima that are half
@@ -25,7 +26,7 @@ use spharm_surface::kabsch::svd;
 pub(crate) struct Unit {
     /// Coefficients (K, 3), with row 0 set to zero.
     pub(crate) rows: Vec<[f64; 3]>,
-    /// Norm before scaling; zero for a surface that is a point.
+    /// Norm before scaling; zero for a surface that is a single point.
     pub(crate) norm: f64,
 }
 
@@ -174,7 +175,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     kept.into_iter().map(|(start, _)| start).collect()
 }
 
-/// Returns the fit with the best rotation Q of space and unchanged parameters.
+/// Returns the fit of `f` to `g` with the best rotation Q of space and with unchanged parameters.
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;

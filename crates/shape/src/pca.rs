@@ -33,13 +33,13 @@ pub struct Modes {
     pub variances: Vec<f64>,
     /// Coordinates (n, m) of the group's members along the modes, in the unit of length.
     pub scores: Array2<f64>,
-    /// Variance of the group along all n - 1 modes.
+    /// Total variance of the group: the sum over all n - 1 modes.
     pub total_variance: f64,
 }
 
 impl Modes {
-    /// Computes at most `most` modes of n models (K, 3) of one degree, where n is at least 3. There are at most n - 1
-    /// modes.
+    /// Computes the first modes, at most `most`, of n models (K, 3) of one degree. n is at least 3, and there are at
+    /// most n - 1 modes.
     ///
     /// # Errors
     ///
@@ -98,7 +98,7 @@ impl Modes {
         Ok(Self { mean, modes, variances, scores, total_variance })
     }
 
-    /// Keeps the first modes, at most `count`.
+    /// Drops all modes except the first `count`.
     pub fn truncate(&mut self, count: usize) {
         let count = count.min(self.count());
         self.variances.truncate(count);
@@ -151,7 +151,8 @@ impl Modes {
             });
         }
         let rest = &model.slice(s![1.., ..]) - &self.mean.slice(s![1.., ..]);
-        // The differences form a single column, because `product` multiplies matrices only.
+        // The differences from the mean are stored as a matrix of one column, because `product` only multiplies
+        // matrices.
         let mut rest = Array2::from_shape_vec((rest.len(), 1), rest.iter().copied().collect()).unwrap_or_default();
         let scores = product(self.modes.view(), rest.view()) / SPHERE;
         rest -= &product(self.modes.t(), scores.view());

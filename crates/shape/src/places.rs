@@ -1,4 +1,5 @@
-//! Checks whether equal directions correspond in a group whose maps to the sphere may have been made separately.
+//! Checks whether equal directions denote corresponding points on all members of a group, whose maps to the sphere may
+//! have been made separately.
 //!
 //! Each member is compared with the typical member, which is the member nearest to the mean. Two distances between
 //! their surfaces are computed: the distance at the same directions of an icosphere, and the distance to the nearest
@@ -21,7 +22,8 @@ use crate::error::ShapeError;
 use crate::mean::mean;
 use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
 
-/// Maximum number of members compared with the typical member; they are evenly spaced over the group.
+/// Maximum number of members that are compared with the typical member. In a larger group, evenly spaced members are
+/// compared.
 pub const MOST: usize = 64;
 /// Numbers of subdivisions of two icospheres. The triangles of the first icosphere make up the surfaces. The vertices
 /// of the second icosphere are the query points.

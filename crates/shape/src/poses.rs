@@ -2,9 +2,9 @@
 //!
 //! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
 //! correspond, their matrices B resemble each other. If a surface is rotated in space or in its parameters, B becomes Q
-//! B R. Matrices of surfaces in different poses partly cancel each other in the sum. The sum is largest if all matrices
-//! have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in
-//! descending order (von Neumann's trace inequality). The ratio
+//! B R, where Q and R are rotations. Matrices of surfaces in different poses partly cancel each other in the sum. The
+//! sum is largest if all matrices have the same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, where s_i is the
+//! vector of the singular values of B_i in descending order (von Neumann's trace inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
@@ -36,8 +36,8 @@ pub struct PosesDiffer {
 }
 
 impl PosesDiffer {
-    /// Checks a group of surfaces (K, 3). Returns `None` if the surfaces are in one pose, or if degree 1 is
-    /// inconclusive.
+    /// Checks a group of surfaces (K, 3). Returns `None` if the surfaces are in one pose, or if this can't be
+    /// determined from the coefficients of degree 1.
     #[must_use]
     pub fn of(group: &[Coefficients]) -> Option<Self> {
         let first_order = |surface: &Coefficients| -> Option<Matrix3> {
@@ -50,7 +50,7 @@ impl PosesDiffer {
         if largest == 0.0 || !largest.is_finite() {
             return None;
         }
-        // Matrices are scaled, so that squares neither overflow nor underflow.
+        // The matrices are scaled, so that squares neither overflow nor underflow.
         let (mut sum, mut values) = (Matrix3::default(), [0.0; 3]);
         for matrix in group.iter().map(|matrix| matrix.map(|row| row.map(|v| v / largest))) {
             sum.as_flattened_mut().iter_mut().zip(matrix.as_flattened()).for_each(|(sum, v)| *sum += v);

@@ -46,7 +46,7 @@ use crate::units::other_units;
 
 /// Minimum number of members of a group.
 const LEAST: usize = 3;
-/// Number of members aligned between two writes of the journal.
+/// Number of members that are aligned between two writes to the journal.
 const KEPT: usize = 64;
 
 /// Aligns a group of surfaces; see the [module](self). The coefficients of each member are (K, 3).
@@ -99,7 +99,8 @@ pub fn procrustes_with(
     Ok(found)
 }
 
-/// Aligns a validated group. With [`Method::Surfaces`], its members must already be in their poses.
+/// Aligns a validated group. With [`Method::Surfaces`], the poses found from the surfaces must already be applied to
+/// the members.
 fn brought_together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -196,7 +197,7 @@ impl<'a> Group<'a> {
         self.round(|index| self.searched(index, &target, self.mirror))
     }
 
-    /// Applies a pose to every member, and computes the new mean and spread.
+    /// Applies to each member the pose that `pose` returns for its index, and computes the new mean and spread.
     fn round(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Round, ShapeError> {
         let poses = self.each(pose)?;
         let member =
@@ -206,8 +207,8 @@ impl<'a> Group<'a> {
         Ok(Round { spread: spread_of(&members, &mean), members, mean })
     }
 
-    /// Returns a pose for every member: first the poses remaining in the journal, then new poses, which are added to
-    /// the journal.
+    /// Returns one pose per member. Poses that are still in the journal are used first. The remaining poses are
+    /// computed by `pose` and added to the journal.
     fn each(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Vec<Pose>, ShapeError> {
         let (count, mut journal) = (self.units.len(), self.journal.lock().unwrap_or_else(PoisonError::into_inner));
         let mut poses = journal.as_mut().map_or_else(Vec::new, |journal| journal.take(count));
@@ -216,7 +217,7 @@ impl<'a> Group<'a> {
             let end = if journal.is_some() { count.min(poses.len() + KEPT) } else { count };
             let one = |index: usize| -> Result<Pose, ShapeError> {
                 let pose = pose(index);
-                // If the search was interrupted, its pose is invalid, so check before the pose is used.
+                // An interrupted search returns an invalid pose, so check for interruption before the pose is used.
                 self.monitor.check()?;
                 self.monitor.step(1);
                 Ok(pose)
@@ -279,7 +280,7 @@ impl<'a> Group<'a> {
             change = (round.spread - next.spread) / round.spread.max(f64::MIN_POSITIVE);
             let rests = change < self.params.tolerance;
             round = next;
-            // A spread within the rounding errors of the surfaces can't be improved.
+            // A spread as small as the rounding errors of the surfaces can't be reduced further.
             if (rests && (anew || self.plan.is_none())) || round.spread <= 1e-14 * round.size() {
                 return Ok((round, rounds, None));
             }
@@ -313,7 +314,7 @@ impl<'a> Group<'a> {
         (0..self.units.len()).filter_map(of).collect()
     }
 
-    /// Returns the members after centring alone, without rotation.
+    /// Returns the members centred, but not rotated.
     fn as_given(&self) -> Vec<Member> {
         let still = |unit: &Unit| Member::new(unit, unit.norm, Pose { fit: nothing_to_turn(), antipodal: false }, None);
         self.units.iter().map(still).collect()

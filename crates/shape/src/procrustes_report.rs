@@ -19,10 +19,10 @@ pub struct ProcrustesParams {
     pub align: AlignParams,
     /// Number of templates; by default all members in groups of up to 20, and 5 members in larger groups.
     pub templates: Option<usize>,
-    /// A start has converged when a round decreases the spread by less than this fraction; 1e-7 by default. The best
-    /// start then continues until surfaces move by less than 1e-10 of their size.
+    /// An alignment from one template has converged when a round decreases the spread by less than this fraction; 1e-7
+    /// by default. The best of these alignments then continues until surfaces move by less than 1e-10 of their size.
     pub tolerance: f64,
-    /// Maximum number of rounds per start; 100 by default.
+    /// Maximum number of rounds for each template; 100 by default.
     pub max_rounds: usize,
 }
 
@@ -41,14 +41,14 @@ impl Default for ProcrustesParams {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ProcrustesWarning {
-    /// Members have different degrees; degrees up to the lowest were compared.
+    /// The members have different maximum degrees; only degrees up to the lowest of these were compared.
     DegreesDiffer {
-        /// Lowest degree of the members.
+        /// Lowest maximum degree of a member.
         lowest: usize,
-        /// Highest degree of the members.
+        /// Highest maximum degree of a member.
         highest: usize,
     },
-    /// The lengths of a member seem to be in another unit than the lengths of the others.
+    /// The lengths of a member seem to be in a different unit from those of the other members.
     Unit(OtherUnit),
     /// A member's mirror image is nearer to the other members than the member itself is, whereas the others are nearer
     /// to each other without mirroring. The member may therefore be from the other side of the body. A mirrored member
@@ -57,7 +57,7 @@ pub enum ProcrustesWarning {
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
-        /// Distance of the member from the mean of the others. If the surfaces determine the poses, this is the
+        /// Distance of the member from the mean of the other members. If the surfaces determine the poses, this is the
         /// distance between the surfaces of the member and of the typical member, at the typical member's size.
         rmsd: f64,
         /// Distance of the member's mirror image, measured in the same way as `rmsd`.
@@ -66,10 +66,10 @@ pub enum ProcrustesWarning {
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by more
     /// than 18 %.
     Sides {
-        /// Indices of the members of the smaller side, from 0. If both sides have the same size, the side without the
+        /// Indices of the members on the smaller side, from 0. If both sides have the same size, the side without the
         /// first member is listed. Empty if the shapes don't show which members belong to this side.
         members: Vec<usize>,
-        /// Number of members of the group.
+        /// Number of members in the group.
         of: usize,
         /// Spread of the group. If the surfaces determine the poses, this is the root mean square distance of the
         /// members of one side from the typical member of the other side.
@@ -86,19 +86,19 @@ pub enum ProcrustesWarning {
     },
     /// The mean's first-order ellipsoid is nearly round, so the group's pose has little meaning.
     NearlyRound {
-        /// The smallest ratio of neighbouring axes.
+        /// Smallest ratio between the lengths of neighbouring axes.
         ratio: f64,
     },
-    /// A member has no area, so poses are determined by the distance at equal directions, as with
+    /// A member has no area, so poses are determined by the distances between points at equal directions, as with
     /// [`Method::Joint`](crate::Method::Joint).
     NoArea {
         /// Index of the member, from 0.
         member: usize,
     },
-    /// A warning about the pose of a member's surface relative to the others, for
+    /// A warning about the pose of a member's surface relative to the other members, for
     /// [`Method::Surfaces`](crate::Method::Surfaces).
     Pose(GroupPoseWarning),
-    /// The surfaces are farther from each other than the alignment suggests.
+    /// A warning from comparing the surfaces themselves, regardless of directions.
     Surfaces(SurfacePoseWarning),
     /// The alignment hasn't converged after the maximum number of rounds.
     NotConverged {
@@ -143,7 +143,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the indices, from 0, of members that may be mirror images of the others.
+    /// Returns the indices, from 0, of members that may be mirror images of the other members.
     #[must_use]
     pub fn mirrored(&self) -> &[usize] {
         match self {
@@ -208,14 +208,14 @@ impl fmt::Display for ProcrustesWarning {
     }
 }
 
-/// Result of the alignment from one template.
+/// Result of the alignment that started from one template.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemplateEnd {
     /// Index of the member to which all members were first aligned.
     pub template: usize,
-    /// Spread of the group at the end.
+    /// Spread of the group after this alignment.
     pub spread: f64,
-    /// Number of rounds of the alignment.
+    /// Number of rounds that the alignment took.
     pub rounds: usize,
 }
 
@@ -228,22 +228,23 @@ pub struct ProcrustesReport {
     pub spread_before: f64,
     /// Root mean square distance of the members from their mean after the alignment, in the members' unit.
     pub spread_after: f64,
-    /// Distance of each member from the mean, at equal directions.
+    /// Distance of each member from the mean, between points at equal directions.
     pub rmsd: Vec<f64>,
-    /// Distance of each member's surface from the mean's surface, regardless of directions.
+    /// Distance between each member's surface and the mean's surface, measured to nearest points, regardless of
+    /// directions.
     pub surface_distances: Vec<f64>,
-    /// Results of the alignments from all templates.
+    /// Results of the alignments, one for each template.
     pub ends: Vec<TemplateEnd>,
-    /// Warnings about the alignment.
+    /// Warnings about the group's alignment.
     pub warnings: Vec<ProcrustesWarning>,
 }
 
 /// An aligned group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Procrustes {
-    /// Transform that aligns each member, at all its degrees, to the mean.
+    /// For each member, the transform that aligns it to the mean. The transform applies to all degrees of the member.
     pub transforms: Vec<Transform>,
-    /// Centred mean (K, 3), up to the highest degree compared.
+    /// Coefficients (K, 3) of the group's centred mean, up to the highest degree compared.
     pub mean: Coefficients,
     /// Spreads, distances and warnings.
     pub report: ProcrustesReport,

@@ -7,8 +7,8 @@
 use ndarray::{Array2, ArrayView2};
 use spharm_linalg::{Accum, MatMut, MatRef, matmul};
 
-/// Callers split a large product A B into products with this number of columns of B, which fit in the L2 cache together
-/// with a few dozen rows of A.
+/// Number of columns of B in each part of a large product A B. Callers split B into parts with this number of columns,
+/// which fit in the L2 cache together with a few dozen rows of A.
 pub(crate) const COLUMNS: usize = 768;
 
 /// Returns the product `A B` (m, n) of A (m, k) and B (k, n). Arguments that aren't row-major are copied first.

@@ -1,4 +1,5 @@
-//! Computes the quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
+//! Computes the quarter of Wigner's d matrix of degree l at pi/2 with nonnegative indices, `Delta_{i,k} =
+//! d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, row by row.
 //!
 //! The recurrence is from S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT",
 //! Acta Cryst. A62 (2006). With the signs of the canonical basis, it is
@@ -84,7 +85,7 @@ pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
 }
 
 impl Quarter {
-    /// Prepares the rows of a degree, reusing the memory of the previous degree.
+    /// Prepares the recurrence for the rows of a degree, reusing the memory of the previous degree.
     pub(crate) fn set(&mut self, degree: usize, centre: &Centre, width: usize) {
         let l = degree;
         self.degree = l;
@@ -148,7 +149,8 @@ pub(crate) struct Rows<const W: usize> {
 }
 
 impl<const W: usize> Rows<W> {
-    /// Starts the recurrence of the rows with index `i = parity + 2 (at + lane)`, at step t = 0.
+    /// Starts, at step t = 0, the recurrence of the rows `i = parity + 2 (at + lane)`, one for each lane from 0 to W -
+    /// 1.
     #[inline(always)]
     pub(crate) fn start(quarter: &Quarter, parity: usize, at: usize) -> Self {
         let (mut now, mut exponents) = ([0.0; W], [0; W]);

@@ -1,8 +1,8 @@
 //! Refines an alignment, starting from a rotation near the best one.
 //!
-//! For coefficients f and g of norm 1 without row 0, `<g, Q (R f)>` is maximised over the rotations R of the parameters
-//! and Q of space. Q follows from R in closed form ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for rotation
-//! vectors w and v,
+//! Let f and g be the coefficients of two surfaces, with norm 1 and without row 0. The refinement maximises `<g, Q (R
+//! f)>` over the rotations R of the parameters and Q of space. Q follows from R in closed form
+//! ([`kabsch`](spharm_surface::kabsch)). Around (R, Q), for rotation vectors w and v,
 //!
 //! ```text
 //! phi(w, v) = -<g, exp(v x) Q exp(-w.L) R f>
@@ -277,7 +277,8 @@ impl Model {
         Some(x)
     }
 
-    /// Returns the smallest eigenvalue of the second derivatives, relative to the metric, by Jacobi rotations.
+    /// Returns the smallest eigenvalue of the matrix of second derivatives, relative to the metric, computed by Jacobi
+    /// rotations.
     fn stiffness(&self) -> f64 {
         let largest = self.metric.iter().fold(0.0_f64, |largest, &v| largest.max(v));
         if largest == 0.0 {

@@ -1,4 +1,4 @@
-//! Finds the models of a library that are nearest to a query.
+//! Finds the models in a library that are nearest to a query.
 //!
 //! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). The distance
 //! between the singular values of a model and of the query is a lower bound of the distance between the aligned
@@ -7,8 +7,9 @@
 //! rotations, the result is the same as after aligning every model, although only a few models are aligned.
 //!
 //! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library. High degrees,
-//! whose singular values are small, then have the same weight as low degrees. This metric recognises a shape among many
-//! if each degree is perturbed in proportion to its size. Its score isn't a distance between surfaces.
+//! whose singular values are small, then have the same weight as low degrees. This metric finds a perturbed shape among
+//! many if the perturbation of each degree is proportional to the degree's size. Its score isn't a distance between
+//! surfaces.
 //!
 //! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 models at L = 15.
 
@@ -42,7 +43,7 @@ pub struct Library {
     unit_size: bool,
 }
 
-/// A model of a library and its distance from the query.
+/// A model in a library and its distance from the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
     /// Index of the model in the library, from 0.
@@ -95,7 +96,7 @@ impl Library {
         self.rows.is_empty()
     }
 
-    /// Returns the degree at which models are compared.
+    /// Returns the degree up to which models are compared.
     #[must_use]
     pub fn degree(&self) -> usize {
         self.degree
@@ -152,7 +153,7 @@ impl Library {
         Ok(found)
     }
 
-    /// Returns the distances between all pairs of models by `metric`.
+    /// Returns the distances between all pairs of models, measured by `metric`.
     #[must_use]
     pub fn distances(&self, metric: Metric) -> PairDistances {
         let row = |index: usize| &self.rows[index * self.width..(index + 1) * self.width];

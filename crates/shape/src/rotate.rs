@@ -9,7 +9,7 @@
 //! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L. Memory, in addition to the coefficients and the result:
 //! `48 (L+1)` bytes, and `O(L)` in each thread. Degrees are independent of each other and their results don't depend on
 //! the number of threads. Errors, relative to the largest value, are a few 1e-16 at degree 100, and 1e-13 at degree
-//! 2,000. At degree 2,000 the rounding of the rotation matrix's elements dominates.
+//! 2,000. At degree 2,000 the error is mainly due to the rounding of the rotation matrix's elements.
 
 use ndarray::Array2;
 use rayon::prelude::*;

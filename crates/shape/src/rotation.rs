@@ -42,7 +42,7 @@ impl Rotation {
     /// The rotation by 180 degrees about the first axis.
     pub(crate) const HALF_TURN_X: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]] };
 
-    /// Creates a rotation from a matrix, given by rows. The matrix is replaced by the nearest orthogonal matrix,
+    /// Creates a rotation from a matrix, given row by row. The matrix is replaced by the nearest orthogonal matrix,
     /// because a matrix from a file may have few digits.
     ///
     /// # Errors
@@ -136,7 +136,7 @@ impl Rotation {
         Self::from_quaternion([s * c.cos(), r * b.sin(), r * b.cos(), s * c.sin()]).unwrap_or_default()
     }
 
-    /// Returns the rotation given by a rotation vector w: about w, by the length of w in radians.
+    /// Returns the rotation about the axis w by an angle equal to the length of w, in radians.
     pub(crate) fn exponential(w: [f64; 3]) -> Self {
         let angle = w.iter().map(|v| v * v).sum::<f64>().sqrt();
         // The quotient sin(t/2) / t, without a division by zero.
@@ -145,7 +145,7 @@ impl Rotation {
         Self::from_quaternion(quaternion).unwrap_or_default()
     }
 
-    /// Returns the matrix, by rows.
+    /// Returns the matrix as an array of rows.
     #[must_use]
     pub fn matrix(&self) -> Matrix3 {
         self.matrix

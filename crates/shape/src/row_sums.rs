@@ -1,5 +1,5 @@
-//! Multiplies the rows of a [quarter](crate::quarter) by a few columns while the rows are computed. This is the inner
-//! loop of rotations.
+//! Multiplies the rows of a [quarter](crate::quarter) of Wigner's d matrix by a few column vectors x while the rows are
+//! computed. This is the inner loop of rotations.
 //!
 //! For degree l, let t = l - k. For each row i of the given parity and each column c, there are two results: the sum of
 //! `Delta_{i,k} x_{k,c}` over even t, and the sum over odd t. Sixteen rows are processed together. Their recurrence and

@@ -7,7 +7,8 @@ use spharm_monitor::Silent;
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 
-/// Returns five hippocampi of degree 12 after a step of SPHARM-MAT: its first alignment, or its registration.
+/// Returns five hippocampi of degree 12, as they are after a step of SPHARM-MAT: its first alignment or its
+/// registration. Returns `None` if the files aren't available.
 pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     let folder = spharm_testdata::shared("shape")?;
     let read = |n: usize| {

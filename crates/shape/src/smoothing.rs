@@ -19,7 +19,7 @@ const ROUNDING: f64 = 1e-9;
 /// Maximum number of kinds of smoothing that a message lists.
 const LISTED: usize = 5;
 
-/// The penalty that a model was fitted with.
+/// Smoothness penalty with which a model was fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Penalty {
@@ -29,7 +29,7 @@ pub enum Penalty {
     Fixed(f64),
     /// A smoothness penalty chosen by cross-validation.
     Auto,
-    /// The penalty that removes noise.
+    /// A smoothness penalty chosen so that it removes noise.
     Denoise,
 }
 

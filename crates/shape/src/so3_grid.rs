@@ -1,8 +1,9 @@
 //! Computes the correlations of two surfaces at all rotations of a grid.
 //!
-//! The correlation `M_ij(R) = <g_i, R f_j>` is a 3 x 3 matrix for each `R = Rz(al) Ry(be) Rz(ga)`. It is computed from
-//! the degrees 1 to B - 1, by the method of P. Kostelec and D. Rockmore, "FFTs on the rotation group", J. Fourier Anal.
-//! Appl. 14 (2008). For each value of `be`
+//! The correlation of two surfaces f and g, whose coordinates are f_j and g_i, is a 3 x 3 matrix
+//! `M_ij(R) = <g_i, R f_j>` for each rotation `R = Rz(al) Ry(be) Rz(ga)`. It is computed from the degrees 1 to B - 1,
+//! where B is the bandwidth of the grid, by the method of P. Kostelec and D. Rockmore, "FFTs on the rotation group", J.
+//! Fourier Anal. Appl. 14 (2008). For each value of `be`
 //!
 //! ```text
 //! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),  M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
@@ -33,7 +34,7 @@ fn score(m: &Matrix3, space: Space) -> f64 {
     }
 }
 
-/// The grid and its precomputed tables.
+/// A grid of rotations with precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
     /// Wigner's d matrices for each value of the second Euler angle, `be`, and each degree l. Each matrix is stored as
@@ -42,7 +43,7 @@ pub(crate) struct So3Grid {
     fft: Arc<dyn Fft<f64>>,
 }
 
-/// A local maximum of the grid.
+/// A rotation of the grid at which the score has a local maximum.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Peak {
     pub(crate) rotation: Rotation,
@@ -150,7 +151,7 @@ impl So3Grid {
     }
 }
 
-/// Returns the complex coefficients of three functions by degree l, for m = -l..=l.
+/// Returns the complex coefficients of three real functions: a list for each degree l, with the orders m from -l to l.
 fn complex(values: &[[f64; 3]], degrees: usize) -> Vec<Vec<[Complex64; 3]>> {
     let of_degree = |l: usize| {
         let mut out = vec![[Complex64::ZERO; 3]; 2 * l + 1];

@@ -1,4 +1,5 @@
-//! Tests groups and covariates at every vertex, with family-wise and false-discovery control.
+//! Tests groups and covariates at every vertex, with control of the family-wise error rate and of the false-discovery
+//! rate.
 //!
 //! A study has n subjects and a measurement of d components at each of V vertices of a common sampling. Examples are a
 //! displacement along the mean's normal (d = 1), a displacement in space (d = 3), and a thickness (d = 1). At each
@@ -41,7 +42,7 @@
 //! use spharm_monitor::Silent;
 //! use spharm_shape::stats::{Contrast, Design, PermutationParams, TestParams, test};
 //!
-//! // Five subjects against five at two vertices; they differ at the second one.
+//! // Two groups of five subjects, measured at two vertices. The groups differ at the second vertex.
 //! let values = Array2::from_shape_fn((10, 2), |(i, v)| (i as f64 * 1.7).sin() + if v == 1 && i < 5 { 9.0 } else { 0.0 });
 //! let design = Design::groups(&[5, 5])?;
 //! let found = test(values.view(), 1, &design, &Contrast::difference(2, 0, 1), &TestParams::default(), &Silent)?;
@@ -146,7 +147,7 @@ pub struct Test {
     pub warnings: Vec<TestWarning>,
 }
 
-/// A test that allows unequal variances.
+/// A test to use instead, which allows unequal variances.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remedy {
     /// Welch's test of two groups without covariates.
@@ -166,9 +167,9 @@ pub enum TestWarning {
          or the effect explains all differences: at these vertices, the statistic is set to 0 and p to 1"
     )]
     NoVariance {
-        /// Number of vertices without variance.
+        /// Number of vertices at which the errors have no variance.
         vertices: usize,
-        /// Number of all vertices.
+        /// Total number of vertices.
         of: usize,
     },
     /// Neither permutations of subjects nor sign flips change the statistics.
@@ -179,8 +180,8 @@ pub enum TestWarning {
     NoRelabelling,
     /// Two groups differ in size and in variance.
     #[error(
-        "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} ({narrow_subjects}): p values \
-         assume equal variances and are {}{}",
+        "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} \
+         ({narrow_subjects} subjects): p values assume equal variances and are {}{}",
         if *.wide_subjects < *.narrow_subjects { "too small" } else { "too large" },
         match .remedy {
             Some(Remedy::Welch) => "; use Welch's test, which allows unequal variances",
@@ -215,10 +216,10 @@ pub enum TestWarning {
         /// The two levels.
         levels: [String; 2],
     },
-    /// A number is so far from the other numbers of its column that it may be a code of a missing value.
+    /// A number is so far from the other numbers of its column that it may be a code for a missing value.
     #[error(
-        "{column}: the number {value:?} in row {row} (counted from 1) is far from the others, whose median is {median}; if \
-         it is a code of a missing value, leave out the row"
+        "{column}: the number {value:?} in row {row} (counted from 1) is far from the other numbers, whose median is \
+         {median}; if it is a code for a missing value, leave out the row"
     )]
     FarValue {
         /// Name of the column.
@@ -239,7 +240,7 @@ pub enum TestWarning {
     UnequalEffects {
         /// Variance of the effect between blocks, divided by the variance of the errors.
         f: f64,
-        /// P value of the ratio.
+        /// P value of the F statistic `f`.
         p: f64,
     },
     /// Whole blocks are exchanged, but the columns that vary within blocks don't determine which rows of two blocks
@@ -250,7 +251,7 @@ pub enum TestWarning {
          each block by visit or age, or give the visit as a covariate"
     )]
     RowsByOrder,
-    /// Rows of a block depend on each other, and the design doesn't account for it.
+    /// Rows of a block depend on each other, and the design doesn't account for this dependence.
     #[error(
         "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values from \
          relabellings"
@@ -258,8 +259,8 @@ pub enum TestWarning {
     DependentRows,
     /// There are too few relabellings for any result to be significant.
     #[error(
-        "the smallest p that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no vertex can be \
-         significant; {}",
+        "the smallest p value that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no \
+         vertex can be significant; {}",
         if *.exact { "more subjects are needed" } else { "more relabellings are needed" }
     )]
     Floor {
@@ -292,7 +293,8 @@ pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &T
     Ok(())
 }
 
-/// Tests a contrast at each vertex. `values` is (n, V d), with the d components of a vertex in adjacent columns.
+/// Tests a contrast at each vertex. `values` is (n, V d): each of the n rows has the values of one subject, with the d
+/// components of a vertex in adjacent columns.
 ///
 /// # Errors
 ///

@@ -1,10 +1,10 @@
 //! Checks whether the surfaces of an aligned group coincide in space, regardless of their parameters.
 //!
-//! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose with the smallest
-//! distance at equal directions may be wrong. After such an alignment of ten vertebrae, the distances of corresponding
-//! points were 4 to 65 mm. After a rigid motion, they were only 4 to 7 mm. Therefore the surfaces themselves are
-//! compared. Points are spread evenly over the area of each surface, and their distances to the nearest points of the
-//! other surface are measured. The distance
+//! An alignment compares the points of surfaces at equal directions. If the surfaces' maps to the sphere differ, the
+//! pose with the smallest distance at equal directions may be wrong. After such an alignment of ten vertebrae, the
+//! distances between corresponding points were 4 to 65 mm. After a further rigid motion, they were only 4 to 7 mm.
+//! Therefore the surfaces themselves are compared. Points are spread evenly over the area of each surface, and their
+//! distances to the nearest points of the other surface are measured. The distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
@@ -12,7 +12,7 @@
 //!
 //! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member. Members
 //! are therefore also compared with the typical member, which is the member nearest to the mean. These distances are
-//! measured in the given pose, after a small rigid motion by nearest points, and in the best of all
+//! measured in the given pose, after a small rigid motion that is found from nearest points, and in the best of all
 //! [poses](mod@spharm_surface::pose). If the best pose reduces the distance by more than [`GAIN`], the member's pose is
 //! wrong. The distances of six of the ten vertebrae fall by 36 to 69 %. The distances of hippocampi and generated
 //! bodies in correct poses fall by at most 9 %.
@@ -40,8 +40,8 @@ use crate::transform::{SQRT_4_PI, Similarity};
 /// A member's pose is reported as wrong if a rotation reduces the member's distance from the typical member by more
 /// than this fraction.
 pub const GAIN: f64 = 0.2;
-/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces. If
-/// the ratio is above this value, equal directions don't correspond.
+/// Maximum ratio between two distances of the members from the mean: the distance between points at equal directions,
+/// and the distance between the surfaces. If the ratio is above this value, equal directions don't correspond.
 pub const FAR: f64 = 2.0;
 /// Maximum ratio as in [`FAR`], for distances from the typical member instead of the mean. This limit is higher than
 /// [`FAR`], because a member's surface has more relief than the mean's surface. The ratio is 2.0 to 2.3 for surfaces
@@ -53,7 +53,7 @@ pub struct SurfacePoses {
     /// Root mean square distance between each member's surface and the mean's surface, in both directions, in the
     /// surfaces' unit.
     pub distances: Vec<f64>,
-    /// Warnings about the correspondence of the group.
+    /// Warnings about the correspondence between the members of the group.
     pub warnings: Vec<SurfacePoseWarning>,
 }
 
@@ -67,19 +67,19 @@ pub enum SurfacePoseWarning {
         member: usize,
         /// Index of the typical member, with which the member is compared. It is the member nearest to the mean.
         typical: usize,
-        /// Distance between the surfaces.
+        /// Distance between the member's surface and the typical member's surface.
         distance: f64,
-        /// Distance between the surfaces after the rotation.
+        /// The same distance after the rotation.
         turned: f64,
         /// Angle of the rotation, in degrees.
         angle: f64,
     },
-    /// Equal directions don't correspond.
+    /// Points at equal directions don't correspond.
     PlacesDiffer {
         /// Root mean square distance of the members from the reference at equal directions. The reference is the
         /// mean, or the member nearest to the mean.
         rmsd: f64,
-        /// Distance between the surfaces.
+        /// Distance between the surfaces of the members and of the reference.
         distance: f64,
         /// Name of the reference in the warning's text.
         from: &'static str,
@@ -106,9 +106,9 @@ impl fmt::Display for SurfacePoseWarning {
             Self::Turned { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::PlacesDiffer { rmsd, distance, from } => write!(
                 f,
-                "the distance between members and {from} is {rmsd:.4} at equal directions, but {distance:.4} between \
-                 their surfaces: equal directions don't correspond, so modes and tests reflect differences between the \
-                 maps to the sphere"
+                "the distance between the members and {from} is {rmsd:.4} if points at equal directions are compared, \
+                 but {distance:.4} if surfaces are compared: equal directions don't correspond, so modes and tests \
+                 reflect differences between the maps to the sphere"
             ),
         }
     }
@@ -184,13 +184,13 @@ pub fn surface_poses(
 /// Result of comparing a member with the typical member.
 struct Look {
     turned: Option<SurfacePoseWarning>,
-    /// Root mean square distance from the typical member at equal directions.
+    /// Root mean square distance from the typical member, between points at equal directions.
     rmsd: f64,
-    /// Distance between the surfaces.
+    /// Distance between the surfaces of the two members.
     distance: f64,
 }
 
-/// Returns the root mean square distance of two surfaces at equal directions.
+/// Returns the root mean square distance between two surfaces, between points at equal directions.
 fn rmsd(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> f64 {
     (&a - &b).iter().map(|v| v * v).sum::<f64>().sqrt() / SQRT_4_PI
 }
@@ -208,7 +208,8 @@ fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
 
 /// Returns the distance of a member from the typical member, the distance in the best pose, and the angle in degrees of
 /// the rotation to the best pose. Returns `None` if the best pose doesn't reduce the distance by more than [`GAIN`].
-/// Both distances are measured after a rigid motion by nearest points, so that only large changes of pose matter.
+/// Both distances are measured after a rigid motion that is found from nearest points, so that only large changes of
+/// pose matter.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,

@@ -19,7 +19,8 @@ const FEW: usize = 5;
 const ENOUGH: usize = 500;
 
 /// Returns the members to use as templates: all members of a small group, otherwise the medoid and a few other members.
-/// `aligned` returns the surfaces after one alignment, (members, K, 3), and is called for large groups only.
+/// `aligned` returns the members' coefficients (members, K, 3) after one alignment, and is called for large groups
+/// only.
 pub(crate) fn templates<E>(
     members: usize,
     most: Option<usize>,

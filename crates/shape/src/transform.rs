@@ -1,4 +1,4 @@
-//! Rotates surfaces in their parameters and in space, translates and scales them.
+//! Rotates surfaces in their parameters and in space, and translates and scales them.
 //!
 //! A rotation Q of space moves a surface, `f'(u) = Q f(u)`: every row of its coefficients, **including row 0**, is
 //! multiplied by Q^T from the right. A translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean
@@ -77,8 +77,8 @@ impl Transform {
         self.similarity.apply_mesh(mesh)
     }
 
-    /// Returns the transform as JSON with matrices by rows: `{"parameters": R, "antipodal": false, "object": Q,
-    /// "scale": s, "translation": t}`.
+    /// Returns the transform as JSON, with each matrix as a list of rows: `{"parameters": R, "antipodal": false,
+    /// "object": Q, "scale": s, "translation": t}`.
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -90,9 +90,9 @@ impl Transform {
         })
     }
 
-    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction stays at
-    /// the same point of the surface. The rotated sphere is another sampling, which has no key in a basis store. A
-    /// model of a signal can be rotated in its parameters but not in space.
+    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction remains the
+    /// same point of the surface. The rotated sphere is another sampling, which has no key in a basis store. A model of
+    /// a signal can be rotated in its parameters but not in space.
     ///
     /// The provenance records each call: `transform` lists the [`to_json`](Self::to_json) of all transforms applied.
     /// Settings and distances of the fit are removed, because they don't apply to the transformed model. If the
@@ -208,7 +208,7 @@ pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
         }
     }
     let differences = || a.values().iter().zip(b.values()).map(|(a, b)| (a - b).abs());
-    // Differences are scaled such that squares neither overflow nor underflow.
+    // Differences are scaled so that squares neither overflow nor underflow.
     let largest = differences().fold(0.0, f64::max);
     if largest == 0.0 {
         return Ok(0.0);

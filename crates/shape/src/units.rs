@@ -1,4 +1,4 @@
-//! Finds members of a group whose lengths seem to be in another unit than the lengths of the others.
+//! Finds members of a group whose lengths seem to be in a different unit from those of the other members.
 //!
 //! The size of a member is its root mean square radius: the norm of its coefficients without row 0, divided by
 //! `sqrt(4 pi)`. Let the quotient of a member be its size divided by the median size. A member is reported if two
@@ -31,7 +31,7 @@ pub fn unit_factor(ratio: f64) -> Option<&'static str> {
     FACTORS.into_iter().find(|(factor, _)| (0.75..1.33).contains(&(ratio / factor))).map(|(_, text)| text)
 }
 
-/// Warning that the lengths of a member seem to be in another unit than the lengths of the others.
+/// Warning that the lengths of a member seem to be in a different unit from those of the other members.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OtherUnit {
     /// Index of the member, from 0.
@@ -64,8 +64,8 @@ impl fmt::Display for OtherUnit {
     }
 }
 
-/// Returns the members whose lengths seem to be in another unit, in the group's order. A group of fewer than [`LEAST`]
-/// members has no such members.
+/// Returns the members whose lengths seem to be in a different unit from those of the others, in the group's order. A
+/// group of fewer than [`LEAST`] members has no such members.
 #[must_use]
 pub fn other_units(members: &[Coefficients]) -> Vec<OtherUnit> {
     if members.len() < LEAST {
@@ -116,7 +116,7 @@ mod tests {
         assert!(other_units(&group(&[1.0, 1.2, 0.8, 4.0, 1.1])).is_empty());
         // The sizes in this group vary as much as units of length do, so no size indicates another unit.
         assert!(other_units(&group(&[1.0, 3.0, 10.0, 0.3, 0.1])).is_empty());
-        // Four members are too few, and points have no size.
+        // A group of four members is too small to detect another unit, and points have no size.
         assert!(other_units(&group(&[1.0, 1.0, 1.0, 10.0])).is_empty());
         assert!(other_units(&group(&[0.0; 6])).is_empty() && other_units(&[]).is_empty());
     }

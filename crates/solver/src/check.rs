@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::SolverError;
 
-/// Number of rows of the targets checked at a time.
+/// Number of rows of the targets that are checked at a time.
 const RUN: usize = 1 << 14;
 
 /// Returns an error if the number of weights isn't `rows`, if a weight is negative or not finite, or if all weights are
@@ -22,7 +22,8 @@ pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     Ok(())
 }
 
-/// Returns an error if `unread`, which marks the rows that are excluded from norms, doesn't have one entry per row.
+/// Returns an error if `unread`, a list of flags that exclude rows from the residual's norms, doesn't have `rows`
+/// entries.
 pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), SolverError> {
     match unread.map(Vec::len).filter(|found| *found != rows) {
         Some(found) => Err(SolverError::Rows { what: "the list of unread rows", expected: rows, found }),
@@ -30,7 +31,8 @@ pub(crate) fn unread(unread: Option<&Vec<bool>>, rows: usize) -> Result<(), Solv
     }
 }
 
-/// Returns an error if the targets (n, c) don't have `rows` rows, or if they contain a NaN or an infinity.
+/// Returns an error if the targets (one column per function to fit) don't have `rows` rows, or if they contain a NaN or
+/// an infinity.
 pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverError> {
     if targets.nrows() != rows {
         return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });

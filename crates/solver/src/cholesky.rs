@@ -1,13 +1,15 @@
-//! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
+//! Cholesky factors of the normal equations of a fit. A factor is computed once and used for any number of surfaces.
 //!
-//! The factorisation G = A^T diag(w) A + P = C C^T, with C lower triangular, takes K^3 / 3 flops once. Each right-hand
+//! The normal matrix is G = A^T diag(w) A + P, where A (n, K) is the basis, w (n) are the weights and P is a diagonal
+//! penalty. Its factorisation G = C C^T, with C lower triangular, takes K^3 / 3 flops once. Solving for a right-hand
 //! side then takes 2 K^2 flops. G is read tile by tile from a [`GramMatrix`](crate::GramMatrix). C is stored in tiles,
 //! too, in memory ([`MemoryFactor`]) or in a store ([`StoredFactor`]). A factor that is larger than the budget is
 //! computed out of core: finished columns are read back from the unfinished file.
 //!
 //! An f32 factor needs half the space of an f64 factor, and half the time for solves that are bound by memory
-//! bandwidth. Solutions by an f32 factor have a relative error of 6e-8 times the condition number of G. Refine these
-//! solutions with the operator, or use the factor as a preconditioner.
+//! bandwidth. Solutions computed with an f32 factor have a relative error of 6e-8 times the condition number of G. Such
+//! solutions should be refined with gradients computed by the operator, or the factor should serve only as a
+//! preconditioner.
 //!
 //! | module | contents |
 //! |---|---|
@@ -39,9 +41,9 @@ pub use stored::StoredFactor;
 
 use crate::SolverError;
 
-/// A Cholesky factor, in memory or in a store.
+/// The Cholesky factor of a normal matrix G = A^T diag(w) A + P (K, K), in memory or in a store.
 pub trait CholeskyFactor: Sync {
-    /// Returns the number of rows and columns, K.
+    /// Returns the number of rows of the factor, K, which equals the number of columns.
     fn size(&self) -> usize;
 
     /// Returns the scalar type of the factor's values.

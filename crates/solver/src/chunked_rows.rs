@@ -1,8 +1,9 @@
-//! Arrays (n, c) that are divided into the same chunks of rows as the basis. Each chunk is contiguous and column-major.
+//! Arrays with one row per direction that are divided into chunks of rows, like the basis matrix. Each chunk is
+//! contiguous and column-major.
 //!
-//! Targets are passed in this form, and are replaced by the residual in place. A chunk of the residual is then one
-//! slice that stays in the L1 cache while a chunk of the basis is processed. Disjoint runs of chunks can be assigned to
-//! different threads.
+//! The targets of a fit are passed in this form, and the fit replaces them by its residual in place. A chunk of the
+//! residual is then one slice that stays in the L1 cache while a chunk of the basis is processed. Disjoint runs of
+//! chunks can be assigned to different threads.
 
 use std::ops::Range;
 
@@ -21,7 +22,8 @@ pub struct ChunkedRows {
 }
 
 impl ChunkedRows {
-    /// Creates an array (rows, channels) of zeros. `chunk_rows` must be the operator's number of rows per chunk.
+    /// Creates an array (rows, channels) of zeros. `chunk_rows` must equal the number of rows per chunk of the fit's
+    /// operator.
     pub fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
         Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
     }
@@ -118,7 +120,7 @@ impl ChunkedRows {
         self.channels
     }
 
-    /// Returns the row and column of a value that is NaN or infinite; `None` if all values are finite.
+    /// Returns the row and column of the first NaN or infinite value in storage order; `None` if all values are finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize)> {
         (0..self.rows.div_ceil(self.chunk_rows)).find_map(|chunk| {
             let values = self.chunk(chunk);
@@ -128,8 +130,8 @@ impl ChunkedRows {
         })
     }
 
-    /// Computes the mean and the maximum of the rows' squared norms within a range of columns, over all rows that
-    /// aren't marked in `unread`.
+    /// Computes the mean and the maximum of the rows' squared norms, over all rows that aren't marked in `unread`. Only
+    /// the given columns of a row contribute to its norm.
     pub(crate) fn norms(&self, columns: &Range<usize>, unread: Option<&[bool]>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();

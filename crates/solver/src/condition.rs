@@ -1,9 +1,10 @@
-//! Estimates the condition number of a matrix G from a few solves with its factor.
+//! Estimates the 1-norm of the inverse of a symmetric matrix G, and thus the condition number of G, from a few solves
+//! with its factor.
 //!
-//! N. J. Higham, "FORTRAN codes for estimating the one-norm of a real or complex matrix, with applications to condition
-//! estimation", ACM Trans. Math. Softw. 14, 1988, algorithm 4.1: Hager's algorithm with Higham's safeguards. It
-//! computes a lower bound of ||G^-1||_1 that is rarely too small by more than a factor of 3. The algorithm also needs
-//! products with the transpose of G^-1. Because G^-1 is symmetric, these are products with G^-1 itself.
+//! The method is Hager's algorithm with Higham's safeguards (N. J. Higham, "FORTRAN codes for estimating the one-norm
+//! of a real or complex matrix, with applications to condition estimation", ACM Trans. Math. Softw. 14, 1988, algorithm
+//! 4.1). It computes a lower bound of ||G^-1||_1 that is rarely too small by more than a factor of 3. The algorithm
+//! also needs products with the transpose of G^-1. Because G^-1 is symmetric, these are products with G^-1 itself.
 
 /// Estimates the 1-norm of a symmetric operator (K, K). `apply` replaces a vector (K) by its product with the operator.
 pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Result<(), E>) -> Result<f64, E> {
@@ -59,7 +60,8 @@ pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Resu
 mod tests {
     use super::*;
 
-    /// Returns a symmetric matrix, (size, size), of numbers from -1 to 1, or from 0 to 1 if `positive` is set.
+    /// Returns a symmetric matrix (size, size) of pseudorandom numbers from -1 to 1, or from 0 to 1 if `positive` is
+    /// set.
     fn matrix(size: usize, seed: usize, positive: bool) -> Vec<Vec<f64>> {
         let value = |i: usize, j: usize| {
             let place = ((seed * 64 + i.max(j)) * 64 + i.min(j) + 1) as f64;
@@ -83,7 +85,7 @@ mod tests {
         matrix.iter().map(|row| row.iter().map(|a| a.abs()).sum::<f64>()).fold(0.0, f64::max)
     }
 
-    /// The estimate is never above the norm, and equal to it if no entry is negative.
+    /// The estimate never exceeds the norm, and equals it if no entry is negative.
     #[test]
     fn the_estimate_is_a_lower_bound_and_a_good_one() {
         for size in 1..30 {

@@ -2,9 +2,9 @@
 //! threads, and by threads that each process their own matrices. [`threaded`](crate::threaded) processes large matrices
 //! on several threads.
 //!
-//! Matrices are column-major slices, with one exception. The right-hand sides and solutions of a block of k basis
-//! functions for c targets are arrays (k, c) in row-major order, so that each part of a block uses a contiguous slice
-//! of them.
+//! Matrices are column-major slices, with one exception. The right-hand sides and solutions for a block of k basis
+//! functions and c targets are arrays (k, c) in row-major order, so that each part of a block corresponds to a
+//! contiguous slice.
 
 use spharm_harmonics::product::Matrix;
 use spharm_linalg::{Accum, Mat, MatMut, MatRef, NoConvergence, ThinSvd, matmul};
@@ -100,11 +100,11 @@ pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     spharm_linalg::triangularise(MatMut::from_column_major_slice_mut(matrix, rows, columns));
 }
 
-/// The minimum-norm solution of a least-squares problem.
+/// The minimum-norm solution of a least-squares problem with k unknowns and c right-hand sides.
 pub(crate) struct MinimumNorm {
     /// The solution, (k, c) row-major.
     pub(crate) x: Vec<f64>,
-    /// Numerical rank.
+    /// Numerical rank of the problem's matrix.
     pub(crate) rank: usize,
     /// Ratio of the largest to the smallest singular value; infinite if the smallest is zero.
     pub(crate) condition: f64,

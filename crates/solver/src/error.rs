@@ -24,7 +24,7 @@ pub enum SolverError {
         budget: usize,
         /// The smallest sufficient budget in bytes.
         needed: usize,
-        /// Largest granularity of IRF for which the fit would stay within the budget, if any.
+        /// Largest granularity of iterative residual fitting with which the fit would stay within the budget, if any.
         granularity: Option<usize>,
     },
     /// Computing a factor would exceed a limit of this process, such as the limit on data.
@@ -47,7 +47,7 @@ pub enum SolverError {
         /// Given value of the parameter.
         found: usize,
     },
-    /// The first block would end above the highest degree.
+    /// The first block of stepwise fitting would end above the highest degree of the fit.
     #[error("the start degree {found} exceeds the highest degree of the fit, {max_degree}")]
     StartDegree {
         /// Requested last degree of the first block.
@@ -155,7 +155,7 @@ pub enum SolverError {
     /// A factor is needed, but neither a factor nor a Gram matrix to compute one is available.
     #[error("this method needs a Cholesky factor or a Gram matrix, but neither is available")]
     NoGram,
-    /// The sums include no samples, or only samples of weight 0.
+    /// The sums over the samples include no samples, or only samples of weight 0.
     #[error("no sample has a positive weight (the sums contain {count} samples of total weight {weight})")]
     NoSamples {
         /// Number of samples with nonzero weight.
@@ -164,7 +164,7 @@ pub enum SolverError {
         weight: f64,
     },
     /// An array of the sums over the samples doesn't match the degree or the number of columns.
-    #[error("sums over the samples: expected {expected} rows in {what}, found {found}")]
+    #[error("the sums over the samples are inconsistent: expected {expected} rows in {what}, found {found}")]
     Sums {
         /// Name of the array.
         what: &'static str,
@@ -223,7 +223,8 @@ pub enum SolverError {
     Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
-/// Formats a size in MiB. A size below 1 MiB is shown in bytes, because the user has probably forgotten the unit.
+/// Formats a memory budget in MiB. A budget below 1 MiB is shown in bytes, because the user has probably forgotten the
+/// unit.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }

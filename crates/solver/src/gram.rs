@@ -1,14 +1,16 @@
-//! Gram matrices of samplings, computed tile by tile from moments or from other sources.
+//! Gram matrices `A^T W A`, for a basis A (n, K) and diagonal weights W, computed tile by tile from the moments of a
+//! sampling or from other sources.
 //!
 //! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. From the moments of the sampling,
 //! `spharm_transform::MomentGram` computes the same matrix in a time that doesn't depend on n. The relative error is
 //! then 1e-13, which is the accuracy of the finest transform. In a first pass of iterative residual fitting, this error
-//! changes the mean squared distance by a relative amount of the order of 1e-10. At L = 100, the change is 5e-10 on a
+//! changes the mean squared residual by a relative amount of the order of 1e-10. At L = 100, the change is 5e-10 on a
 //! cortex and 6e-10 on an irregular head. Further passes correct the change, because the residual is computed exactly
 //! even if a step is slightly inaccurate.
 //!
-//! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from these
-//! harmonics by 6e-8, so that the solution of a block would be inexact. Therefore moments are only used with f64 bases.
+//! Moments give the Gram matrix of harmonics in double precision. A basis stored in f64 equals these harmonics up to
+//! rounding. A basis stored in f32 differs from them by 6e-8, so that the solution of a block would be inexact.
+//! Therefore moments are only used with f64 bases.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -24,7 +26,7 @@ pub trait GramMatrix: Sync {
     /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
 
-    /// Returns the memory of the matrix in bytes.
+    /// Returns the number of bytes of memory that the source of the matrix occupies.
     fn bytes(&self) -> usize;
 
     /// Writes `G[rows, columns]` to `out`, column-major with a stride of `leading` values between columns. Every entry
@@ -178,7 +180,7 @@ fn moments(
     Ok(transform.weighted_sums(none.view(), weights)?.into_raw_vec_and_offset().0)
 }
 
-/// Checks that `weights`, if given, has n entries.
+/// Returns an error if `weights` is given and doesn't have n entries.
 pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), SolverError> {
     match weights {
         Some(weights) if weights.len() != n => {

@@ -13,8 +13,9 @@
 //!         r -= A_d..e x
 //! ```
 //!
-//! Solving the least-squares problem of a block is one step of block Gauss-Seidel on the normal equations. Therefore
-//! the fit converges to the full least-squares solution with more passes, for any division into blocks.
+//! Here r is the residual, a are the coefficients (a_d..e those of the block), and W is the diagonal matrix of the
+//! weights. Solving for a block is one step of block Gauss-Seidel on the normal equations. Therefore, with more passes,
+//! the fit converges to the full least-squares solution for any division into blocks.
 //!
 //! For c columns, the first pass takes `n k (k + 1)` flops for the Gram matrix of each block of k columns, and
 //! `4 n K c` flops for right-hand sides and updates. The first pass reads every byte of the basis once, or twice if a
@@ -58,7 +59,7 @@ pub use plan::{IrfPlan, plan};
 pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
 pub use solver::{IrfFit, IrfSolver, solve};
 
-/// A refinement is the last one if the norm of its change to the coefficients is below this fraction of their norm.
+/// Refinement ends once a refinement changes the coefficients by less than this fraction of their norm.
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
@@ -110,7 +111,7 @@ impl IrfSolver<'_> {
     }
 }
 
-/// The changes made by a pass, for each column of the targets.
+/// The effects of a pass on the coefficients and the residual, for each of c columns of targets.
 struct PassSummary {
     /// Squared norms (c) of the coefficients' changes.
     change: Vec<f64>,

@@ -1,12 +1,13 @@
-//! Solves the full least squares by products with the basis or, if that is too slow, by a factor of the normal
-//! equations.
+//! Solves the full least-squares problem by conjugate gradients or, if these converge too slowly, by a Cholesky factor
+//! of the normal equations.
 //!
 //! ```text
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
 //! ```
 //!
-//! for each column f of the targets. This is the method NLSF of Shen and Chung, but A isn't stored. There are three
-//! methods:
+//! for each column f of the targets, with the basis A (n, K), the weights W, the smoothness lambda and the penalty p_l
+//! of each degree l. This is the method NLSF of Shen and Chung, but A isn't stored. There are three ways to solve the
+//! problem:
 //!
 //! - Conjugate gradients ([`cg`]) with fast operators. On an even sampling the normal matrix `N = A^T W A + P` is
 //!   nearly a multiple of the identity, so a few iterations suffice. Products with N are computed from the samples, or

@@ -6,7 +6,8 @@ use spharm_transform::{InverseDensity, MomentOperator};
 
 use crate::SolverError;
 
-/// The normal operator from the moments of a sampling, and an approximate inverse that is computed on first use.
+/// The normal operator `A^T W A` computed from the moments of a sampling, and its approximate inverse, which is
+/// computed on first use.
 #[derive(Debug)]
 pub struct MomentNormal {
     operator: MomentOperator,

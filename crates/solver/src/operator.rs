@@ -1,8 +1,9 @@
-//! The basis as used by solvers: its products with vectors and, for iterative residual fitting, its blocks.
+//! Representations of the basis for solvers, which need its products with vectors and, for iterative residual fitting,
+//! its blocks of columns.
 //!
 //! An [`Operator`] represents the matrix A (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`]
-//! also gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. A block is
-//! opened, and then several threads read it chunk by chunk.
+//! also gives access to the entries of A, block by block. A block consists of the columns of consecutive degrees. After
+//! a block has been opened, several threads can read it in chunks of rows.
 //!
 //! | operator | the basis |
 //! |---|---|
@@ -48,7 +49,7 @@ pub trait Operator: Sync {
     ///
     /// # Panics
     ///
-    /// If K' isn't a basis size, or is above the operator's basis size.
+    /// If K' isn't the square of an integer, or exceeds the operator's number of columns.
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
     /// Computes the adjoint synthesis `A^T r` (K, c) of r (n, c).

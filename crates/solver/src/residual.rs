@@ -4,11 +4,11 @@ use ndarray::{ArrayView2, Axis};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Number of rows whose squares are summed together.
+/// Number of rows whose squared norms are summed at a time.
 const RUN: usize = 1 << 14;
 
-/// Size of one target's residual: the mean and the maximum of the rows' (vertices') squared norms, in the square of the
-/// target's unit.
+/// Mean and maximum of the squared norms of the rows (vertices) of one target's residual, in the square of the target's
+/// unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ResidualNorms {
     /// Mean of the rows' squared norms.

@@ -83,7 +83,7 @@ fn assert_extent(values: &[f64], rows: usize, columns: usize, leading: usize) {
 mod tests {
     use super::*;
 
-    /// Returns deterministic values in [-1, 1].
+    /// Returns `count` pseudorandom values in [-1, 1], always the same.
     fn noise(count: usize, seed: u64) -> Vec<f64> {
         let mixed = |i: u64| (i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15 ^ seed).rotate_left(29);
         (0..count as u64)
@@ -91,7 +91,8 @@ mod tests {
             .collect()
     }
 
-    /// Sizes below, at and above the tile size of [`faer`], and one size that needs several levels of halving.
+    /// Matrix sizes for the tests: below, at and above the tile size of [`faer`], and one size that needs several
+    /// levels of halving.
     const SIZES: [usize; 5] = [1, 37, 256, 300, 1100];
     const PADDING: usize = 3;
 

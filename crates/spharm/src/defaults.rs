@@ -7,7 +7,8 @@ pub const GRANULARITY: usize = 100;
 /// even samplings.
 pub const ACCELERATED_PASSES: usize = 16;
 
-/// Default optimality at which the full least squares is treated as converged.
+/// Default optimality (gradient, relative to the gradient at zero coefficients) at which the full least squares is
+/// treated as converged.
 pub const TOLERANCE: f64 = 1e-10;
 
 /// Default maximum number of iterations of the full least squares.
@@ -16,16 +17,15 @@ pub const MAX_ITERATIONS: usize = 3000;
 /// Default memory budget of a fit over a store, in bytes.
 pub const MEMORY_OVER_A_STORE: usize = 256 << 20;
 
-/// Accuracy of the transforms within the full least squares. The accuracy of the transforms limits the accuracy of the
-/// residual.
+/// Accuracy of the transforms in the full least squares, which limits the accuracy of the residual.
 pub(crate) const TRANSFORM_ACCURACY: f64 = 1e-12;
 
-/// Largest number of columns that share a transform and a factor. A larger number doesn't reduce the cost per column
-/// further.
+/// Maximum number of columns that are fitted together with one transform and one factor. A larger number doesn't reduce
+/// the cost per column further.
 pub(crate) const MOST_COLUMNS: usize = 96;
 
-/// Largest number of surfaces in one sweep over a store. With more surfaces, the products take much longer than reading
-/// the basis.
+/// Maximum number of surfaces that are fitted in one sweep over a store. With more surfaces, the products take much
+/// longer than reading the basis.
 pub(crate) const MOST_TOGETHER: usize = 128;
 
 /// Maximum number of additional sweeps after the single pass of [`Method::Nlsf`](crate::Method::Nlsf). Each sweep
@@ -37,8 +37,8 @@ pub(crate) const REFINEMENTS: usize = 5;
 /// penalty increases the msd by a few per cent.
 const RELATIVE_PENALTY: f64 = 0.01;
 
-/// Fits to lower degrees have no default penalty. They don't need one, because their wavelengths are longer than any
-/// triangle.
+/// Lowest degree of a fit with a default penalty. Fits of lower degree need no penalty, because their wavelengths are
+/// longer than any triangle.
 const PENALTY_FROM_DEGREE: usize = 8;
 
 /// Returns the default smoothness penalty of a fit over a parametrised sphere: `0.01 w / (4 pi) / (L (L + 1))^2` for

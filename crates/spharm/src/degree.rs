@@ -43,7 +43,7 @@ impl FromStr for Accuracy {
         match (value, percent) {
             (Some(value), Some(_)) => Ok(Self::Share(value / 100.0)),
             (Some(value), None) => Ok(Self::Length(value)),
-            (None, _) => Err("expected a length above 0, or a percentage of the size, such as 0.2%".to_owned()),
+            (None, _) => Err("expected a length above 0, or a percentage of the surface size, such as 0.2%".to_owned()),
         }
     }
 }
@@ -71,7 +71,7 @@ impl Accuracy {
 #[non_exhaustive]
 pub struct DegreeChoice {
     /// The lowest degree that is accurate enough. If no degree is accurate enough, this is the degree whose resolution
-    /// is one and a half edges of the mesh.
+    /// is one and a half edge lengths of the mesh.
     pub degree: usize,
     /// Root mean square distance between the surface and its model of this degree.
     pub rms: f64,
@@ -112,16 +112,16 @@ const MOST: usize = 256;
 /// The first degree tried.
 const FIRST: usize = 16;
 
-/// If no degree is accurate enough, the degree is chosen whose resolution is this number of edge lengths of the mesh. A
-/// finer model would follow the mesh's facets.
+/// Resolution, in edge lengths of the mesh, of the degree that is chosen if no degree is accurate enough. A finer model
+/// would follow the mesh's facets.
 const EDGES: f64 = 1.5;
 
 /// Returns the lowest degree with which the model of a surface is as accurate as requested. The surface is mapped to a
 /// sphere for each fit. The degree is at most 256, and a model has at most as many functions as the surface has
-/// vertices. If no degree is accurate enough, returns the degree whose resolution is one and a half edges of the
+/// vertices. If no degree is accurate enough, returns the degree whose resolution is one and a half edge lengths of the
 /// surface, or the highest possible degree if that is lower.
 ///
-/// Each degree is tried by a fit with `params`, in which only the degree is replaced. Five to eight fits are usual.
+/// Each degree is tried by a fit with the settings `params`, except for their degree. Five to eight fits are usual.
 ///
 /// # Errors
 ///

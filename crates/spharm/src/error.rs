@@ -51,7 +51,7 @@ pub enum Error {
     /// A surface without area, or with coordinates that aren't finite.
     #[error("the surface has no area; expected triangles with finite coordinates and a positive area")]
     NoArea,
-    /// An error of one surface of a group.
+    /// An error that concerns one surface of a group.
     #[error("surface {index}: {source}")]
     Member {
         /// Index of the surface, counted from 0.
@@ -62,7 +62,7 @@ pub enum Error {
     /// A landmark that can't guide the registration.
     #[error("{0}")]
     FarGuide(FarGuide),
-    /// A file of a group's folder with unexpected contents.
+    /// A file in a group's folder with unexpected contents.
     #[error("{}: expected {expected}, found {found}", .path.display())]
     GroupFile {
         /// Path of the file.
@@ -105,7 +105,7 @@ pub enum Error {
         sphere: PathBuf,
     },
     /// A number of weights that differs from the number of vertices.
-    #[error("{name}: expected one weight for each of {expected} vertices, found {found}")]
+    #[error("{name}: expected one weight for each of the {expected} vertices, found {found}")]
     WeightCount {
         /// Name of the weights: a file name, or the name given with the values.
         name: String,
@@ -115,7 +115,7 @@ pub enum Error {
         found: usize,
     },
     /// A weight that is negative or not finite, or weights that are all zero.
-    #[error("{name}: weights must be finite, not negative and not all zero; vertex {vertex} has {found}")]
+    #[error("{name}: weights must be finite, not negative and not all zero; vertex {vertex} has weight {found}")]
     Weight {
         /// Name of the weights.
         name: String,
@@ -131,7 +131,7 @@ pub enum Error {
         name: String,
     },
     /// A hold-out fraction so small that it selects no vertex.
-    #[error("a hold-out fraction of {fraction} selects none of {vertices} vertices; choose a larger fraction")]
+    #[error("a hold-out fraction of {fraction} selects none of the {vertices} vertices; choose a larger fraction")]
     HoldOut {
         /// Requested fraction.
         fraction: f64,

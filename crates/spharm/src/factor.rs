@@ -48,7 +48,7 @@ pub struct PlannedFactor<'a> {
 }
 
 impl<'a> PlannedFactor<'a> {
-    /// Plans a factor. Nothing is computed or written.
+    /// Plans a factor, without computing or writing anything.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Fits one target, or many targets over one sphere in bounded memory.
+//! Fits one target, or many targets that share a sphere, as many at a time as memory allows.
 
 mod batches;
 mod by_channel;
@@ -47,9 +47,9 @@ use job::Job;
 /// The coefficients of one target, and a report on the fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// Canonical coefficients (K, c), in the target's unit.
+    /// Canonical coefficients in the target's unit: one row per basis function, one column per channel.
     pub coefficients: Coefficients,
-    /// Standard errors (K, c) of the coefficients, if requested.
+    /// Standard errors of the coefficients, if requested, in an array of the coefficients' shape.
     pub standard_errors: Option<Array2<f64>>,
     /// Distances between model and target, and warnings.
     pub report: FitReport,

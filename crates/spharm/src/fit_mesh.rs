@@ -140,7 +140,7 @@ pub struct MappedSurface {
     pub voxels: Option<VoxelRecord>,
     /// Whether a label's surface is smooth or follows the voxels.
     pub label_surface: Option<LabelSurface>,
-    /// The voxels' staircase, if a model of the fit's degree reproduces it.
+    /// The staircase of the label's voxels, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
 

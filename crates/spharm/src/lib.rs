@@ -54,9 +54,9 @@
 //! | [`params`] | [`FitParams`]: degree, method, smoothness, weights, store, memory, threads |
 //! | [`report`] | reports on fits |
 //! | [`assess`] | distances at the vertices, between them, and at held-out vertices |
-//! | [`warning`] | [`FitWarning`]: possible problems of a fit |
+//! | [`warning`] | [`FitWarning`]: possible problems with a fit |
 //! | [`defaults`] | numeric defaults, with the reason for each |
-//! | [`factor`] | the factor of the normal equations, stored beside the basis |
+//! | [`factor`] | the Cholesky factor of the normal equations, stored beside the basis |
 //! | [`mod@correspond`] | a group of surfaces over one template's sphere, with corresponding points |
 //! | [`machine`] | memory and limits of this process |
 //! | [`mod@parametrize`] | maps from surfaces to the sphere: all methods, label volumes, resampling, quality |

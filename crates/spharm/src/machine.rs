@@ -34,8 +34,8 @@ impl Limit {
     }
 }
 
-/// The limits. Each limit is listed with the field of `/proc/self/status` that it restricts, and with its name in
-/// messages.
+/// All limits that are checked. Each limit is listed with the field of `/proc/self/status` that it restricts, and with
+/// its name in messages.
 const LIMITS: [(Limit, &str, &str); 2] =
     [(Limit::Data, "VmData:", "data (ulimit -d)"), (Limit::AddressSpace, "VmSize:", "address space (ulimit -v)")];
 

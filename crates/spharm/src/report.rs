@@ -21,8 +21,8 @@ pub struct FitReport {
     /// for targets without volume.
     #[serde(skip)]
     pub msd: Option<f64>,
-    /// Maximal squared distance at the vertices, with the bounding box scaled to volume 1; `None` for targets without
-    /// volume.
+    /// Maximum squared distance between target and model at the vertices, with the bounding box scaled to volume 1;
+    /// `None` for targets without volume.
     #[serde(skip)]
     pub xsd: Option<f64>,
     /// Mean squared distance at the centres of some triangles, with the bounding box scaled to volume 1; `None` for
@@ -53,7 +53,7 @@ pub struct FitReport {
     /// Optimality reached by the full least squares.
     #[serde(skip)]
     pub optimality: Option<f64>,
-    /// Possible problems of the fit.
+    /// Possible problems with the fit.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<FitWarning>,
     /// Settings of the fit, for a model's provenance.
@@ -65,7 +65,7 @@ pub struct FitReport {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct Denoised {
-    /// The removed noise, and the gain by which denoising multiplies each degree.
+    /// The removed noise, and the gain by which denoising multiplies the coefficients of each degree.
     #[serde(flatten)]
     pub noise: Denoise,
     /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;

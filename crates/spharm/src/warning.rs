@@ -28,7 +28,7 @@ const NEGLIGIBLE: f64 = 1e-4;
 /// below 1, because the detail is estimated at held-out vertices, which reveal only part of it.
 const DETAIL: f64 = 0.3;
 
-/// A possible problem of a fit. A warning is serialised as its message.
+/// A possible problem with a fit. A warning is serialised as its message.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
@@ -73,7 +73,7 @@ pub enum FitWarning {
         /// Share of the residual's rms that the last pass removed, or the last pair of passes if they are accelerated.
         share: f64,
     },
-    /// The sampling doesn't determine a block of degrees, and its minimum-norm solution was used.
+    /// The sampling doesn't determine a block of degrees, so the minimum-norm solution of this block was used.
     RankDeficient {
         /// First degree of the block.
         first_degree: usize,
@@ -129,7 +129,7 @@ pub enum FitWarning {
         /// Power of the noise in degree 1, divided by the power that the same noise would have if the sampling were
         /// even.
         noise: f64,
-        /// Gain of degree 1.
+        /// Gain by which denoising multiplied the coefficients of degree 1.
         gain: f64,
     },
     /// A few vertices have nearly all of the weight, so rounding errors hide the values of the other vertices.
@@ -283,8 +283,8 @@ impl Serialize for FitWarning {
 }
 
 impl FitWarning {
-    /// Returns the warnings of a least-squares report. `by_default` is the number of vertices with nonzero weight if
-    /// the smoothness is the default of a parametrised sphere, else `None`.
+    /// Returns the warnings that follow from a solver's report. `by_default` is the number of vertices with nonzero
+    /// weight if the smoothness is the default of a parametrised sphere, else `None`.
     pub(crate) fn of_lsq(report: &LsqReport, tolerance: f64, by_default: Option<usize>) -> Vec<Self> {
         let mut warnings = Vec::new();
         let singular = report.shift > 0.0;

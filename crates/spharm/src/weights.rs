@@ -83,8 +83,8 @@ impl Weights {
         Ok(Self::Values { name, values })
     }
 
-    /// Returns a hash of given weights, as 64 hexadecimal digits; `None` for other weights. A store uses it to identify
-    /// the weights of a factor.
+    /// Returns a hash of given weights, as 64 hexadecimal digits; `None` for other weights. A store identifies the
+    /// weights of a factor by this hash.
     pub fn hash(&self) -> Option<String> {
         let Self::Values { values, .. } = self else { return None };
         Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())

@@ -49,11 +49,11 @@ pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>
 pub struct SchemeSummary {
     /// Key of the scheme.
     pub key: SchemeKey,
-    /// Number of directions, read from an intact basis file or factor; `None` if the scheme has neither.
+    /// Number of directions, read from an undamaged basis file or factor; `None` if the scheme has neither.
     pub rows: Option<usize>,
-    /// Scalar type of the basis, read from an intact basis file; `None` if the scheme has no such file.
+    /// Scalar type of the basis, read from an undamaged basis file; `None` if the scheme has no such file.
     pub scalar: Option<Scalar>,
-    /// Codec of the intact basis file of the lowest degree.
+    /// Codec of the undamaged basis file with the lowest degree; `None` if the scheme has no such file.
     pub codec: Option<Codec>,
     /// Number of basis files.
     pub degrees: usize,

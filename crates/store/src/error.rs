@@ -15,7 +15,7 @@ use crate::scheme::{Scalar, SchemeKey};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// The operating system refused an operation.
+    /// An operation of the operating system failed.
     #[error("{}: {action}: {source}", .path.display())]
     Io {
         /// Path of the file or folder.
@@ -30,7 +30,7 @@ pub enum StoreError {
     NotAFile {
         /// Path of the basis file or factor.
         path: PathBuf,
-        /// Kind found: folder, symbolic link, FIFO, ...
+        /// What the path names instead: a folder, a symbolic link, a FIFO, ...
         found: &'static str,
     },
     /// The file violates the format: a field is invalid, or a check fails.
@@ -116,7 +116,7 @@ pub enum StoreError {
         found: u32,
     },
     /// A file was truncated, changed or became unreadable after it had been opened.
-    #[error("{}: the file was truncated, changed or became unreadable during reading; verify the store and build the damaged files again", .path.display())]
+    #[error("{}: the file was truncated, changed or became unreadable while it was being read; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
         /// Path of the file.
         path: PathBuf,
@@ -227,7 +227,7 @@ pub enum StoreError {
     /// The computation was cancelled; finished files are kept.
     #[error("interrupted; finished files are kept")]
     Interrupted(#[from] Interrupted),
-    /// The harmonics crate rejected the request.
+    /// The harmonics can't be evaluated with the requested parameters.
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
     /// The format doesn't allow this number of rows per chunk.
@@ -236,7 +236,7 @@ pub enum StoreError {
          found {found}"
     )]
     ChunkRows {
-        /// The requested number of rows.
+        /// The requested number of rows per chunk.
         found: usize,
     },
     /// The file would have more chunks, or larger chunks, than the format allows.

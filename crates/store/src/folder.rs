@@ -1,4 +1,4 @@
-//! The folders of a store and of its schemes: names, listing, locking, and free disk space.
+//! Manages the folders of a store and of its schemes: their names, listing, locking, and free disk space.
 
 use std::fs::{File, TryLockError};
 use std::io;
@@ -90,7 +90,7 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
 /// Size in bytes (64 GiB) above which writing files needs explicit permission.
 pub(crate) const LARGE: u64 = 64 << 30;
 
-/// Returns an error if `needed` bytes exceed the free disk space or [`LARGE`].
+/// Returns an error if `needed` exceeds the free bytes on the store's disk, or the limit [`LARGE`].
 pub(crate) fn check_space(store: &Path, what: &'static str, needed: u64) -> Result<(), StoreError> {
     let free = free_space(store)?;
     if is_too_much(needed, free) {
@@ -124,8 +124,8 @@ mod tests {
         match check_space(&folder.path().join("not/yet"), "basis", u64::MAX) {
             Err(StoreError::Space { path, what: "basis", needed: u64::MAX, free }) => {
                 assert_eq!(path, folder.path().join("not/yet"));
-                // Other processes may write to the disk between the two measurements: allow a deviation of 10 % plus 1
-                // GB.
+                // Other processes may write to the disk between the two measurements, so a deviation of 10 % plus 1 GB
+                // is allowed.
                 let bytes = platform::free_space(folder.path()).unwrap() as f64;
                 assert!((free as f64 - bytes).abs() <= 0.1 * bytes + 1e9, "{free} of {bytes}");
             }

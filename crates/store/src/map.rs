@@ -1,12 +1,13 @@
-//! Read-only memory windows on files.
+//! Provides read-only windows on files: memory maps that detect changed and missing data.
 //!
 //! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
 //! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix, a
 //! `FaultGuard` (`platform`) lets the process survive access to a missing page. On Windows, other processes can't write
-//! to or truncate a file while the store has it open. But the process ends if the disk fails while a file is mapped.
+//! to or truncate a file while the store has it open. However, the process ends if the disk fails while a file is
+//! mapped.
 //!
 //! After a window has been used, [`Window::check`] returns an error if a page was missing or if the file's size or
-//! modification time has changed. Results computed from a window are valid only once this check has passed.
+//! modification time has changed. Results computed from a window are valid only if this check then returns no error.
 //!
 //! A window gives access only to types for which every bit pattern is valid: bytes, integers and floating-point
 //! numbers. If a file changes while it is mapped, the values may be wrong, but reading them is never undefined

@@ -88,7 +88,7 @@ impl SchemeKey {
             // Adding 0 turns -0 into +0. `Directions` contains neither NaN nor infinity.
             let (words, _) = bytes.as_chunks_mut();
             words.iter_mut().zip(part).for_each(|(word, &c)| *word = (c + 0.0).to_bits().to_le_bytes());
-            // Outside a pool, rayon would use its global pool, which doesn't exist in a forked process.
+            // Outside a thread pool, rayon would use its global pool, whose threads don't exist in a forked process.
             match rayon::current_thread_index() {
                 Some(_) => hasher.update_rayon(bytes),
                 None => hasher.update(bytes),
@@ -109,7 +109,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// The error for a string that isn't a valid [`SchemeKey`] of 64 lower-case hexadecimal digits.
+/// Error for a string that isn't a valid [`SchemeKey`], which has 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;

@@ -8,7 +8,7 @@ use std::time::SystemTime;
 use crate::error::StoreError;
 use crate::platform;
 
-/// An open regular file, and its size and modification time when it was opened.
+/// An open regular file, with the size and modification time that it had when it was opened.
 #[derive(Debug)]
 pub(crate) struct Source {
     path: PathBuf,

@@ -113,7 +113,7 @@ mod tests {
         let name = temporary.path().file_name().unwrap().to_string_lossy().into_owned();
         assert!(name.starts_with(".A_1.") && name.ends_with(".tmp"), "{name}");
         assert!(abandoned(folder.path()).unwrap().is_empty());
-        // Close the file, as the system does when it kills a builder.
+        // Close the file, as the system does when a builder is killed.
         let path = temporary.into_temp_path();
         assert_eq!(abandoned(folder.path()).unwrap(), [path.to_path_buf()]);
     }

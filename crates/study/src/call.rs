@@ -41,7 +41,7 @@ pub(super) struct Call<'a> {
     pub(super) failed: Vec<(String, String)>,
     /// Warnings about the whole group.
     pub(super) warnings: Vec<String>,
-    /// Comparison with the results of an earlier run, if one is made.
+    /// Comparison with the results of an earlier run, if `--again` requests it.
     pub(super) compared: Option<Compared>,
 }
 

@@ -1,4 +1,4 @@
-//! Checks a study before its subjects are fitted, because fitting takes a long time.
+//! Checks a study's settings and table before the subjects are fitted, because fitting takes a long time.
 
 use std::collections::HashSet;
 use std::path::PathBuf;
@@ -99,8 +99,8 @@ fn correspondence(plan: &Plan) -> Result<()> {
     }
 }
 
-/// Checks the settings of `correspond`. Refuses ids that can't be file names in the group's folder, and missing files
-/// of landmarks and signals.
+/// Checks a study whose method is `correspond`. Refuses ids that can't be file names in the group's folder, and files
+/// of landmarks and signals that don't exist.
 fn of_group(plan: &Plan) -> Result<()> {
     if plan.study.align.guide && plan.landmarks.is_none() {
         bail!("{}: `guide` in [align] needs `landmarks` in [subjects], found none", plan.file.display());
@@ -123,7 +123,7 @@ fn of_group(plan: &Plan) -> Result<()> {
     }
 }
 
-/// Checks the design of a test, applied to all subjects.
+/// Checks that the design of a test suits the table of all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.is_of_values() && plan.signal_fits().is_none() {
         bail!(
@@ -139,7 +139,7 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     designed(plan, test, &rows).map(drop)
 }
 
-/// Checks the design of a test, applied to some subjects, and returns the level of each subject.
+/// Checks that the design of a test suits `rows`, the rows of some subjects. Returns the level of each subject.
 fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<Vec<String>> {
     let question = test.asked().question(rows).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
@@ -217,18 +217,18 @@ fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     }))
 }
 
-/// Returns the sides that a test needs of each subject, as text for messages.
+/// Returns the sides of each subject that a test needs, as text for messages.
 fn of_side(test: &Test) -> String {
     match &test.side {
         Some(_) if test.is_of_differences() => "both sides".to_owned(),
         Some(side) => format!("side {side}"),
-        None => "a row".to_owned(),
+        None => "a row in the table".to_owned(),
     }
 }
 
 /// Checks that the mask, the sphere and the annotation of a test exist and have the same number of vertices. With
-/// method "correspond", a mask without a sphere must belong to the default icosphere, whose directions are points of
-/// the group's template.
+/// method "correspond", a mask that is given without a sphere must be for the default icosphere, whose directions are
+/// points of the group's template.
 fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
         if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
@@ -269,7 +269,7 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// In a study of both sides, refuses a test whose sphere, mask or annotation belongs to the second side. The second
+/// In a study with two sides, refuses a test whose sphere, mask or annotation belongs to the second side. The second
 /// side is mirrored, so all results, including those of the second side, are given at points of the first side.
 fn of_first_side(plan: &Plan, test: &Test, sphere: Option<&Sphere>) -> Result<()> {
     let [first, second] = &plan.study.subjects.sides[..] else { return Ok(()) };
@@ -292,7 +292,7 @@ fn of_first_side(plan: &Plan, test: &Test, sphere: Option<&Sphere>) -> Result<()
     Ok(())
 }
 
-/// Table of the subjects of a test.
+/// The subjects of a test, as a table from which the test's design is built.
 struct Rows<'a> {
     plan: &'a Plan,
     rows: Vec<&'a Row>,

@@ -14,8 +14,8 @@ use super::stage::Stage;
 use super::{check, ending, fits, hemispheres, methods, plan, provenance, stages, tidy, warnings};
 
 impl Call<'_> {
-    /// Prints the commands as if all subjects had been fitted, then the preview of the fits. Returns an error if some
-    /// fits would fail.
+    /// Prints the commands that would run if all subjects were fitted, then a preview of the fits. Returns an error if
+    /// some fits would fail.
     pub(super) fn show(&self, preview: &PreviewFit) -> Result<()> {
         let subjects = self.plan.subjects_planned();
         for fits in self.plan.fits() {
@@ -92,8 +92,8 @@ impl Call<'_> {
         let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
         let Some(recorded) = self.recorded else { return finished };
-        // Failed subjects alone don't make the results differ, because the subjects may have failed in the recorded
-        // run, too. If they succeeded in the recorded run, the comparison reports their results as missing.
+        // Subjects that fail don't by themselves make the results differ, because they may have failed in the recorded
+        // run, too. If they succeeded in that run, the comparison reports their results as missing.
         if let Err(error) = finished {
             self.console.warn(error);
         }
@@ -101,7 +101,7 @@ impl Call<'_> {
         ending::tell(compared)
     }
 
-    /// Writes the paragraph on methods and the record of the study.
+    /// Writes the methods paragraph and the record of the study.
     fn record(&self, subjects: usize, stages: &[&Stage]) -> Result<Provenance> {
         let (plan, output) = (self.plan, &self.plan.output);
         let made = Provenance::of(plan, self.cli.resources.threads.count(), stages)?;

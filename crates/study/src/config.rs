@@ -48,7 +48,7 @@ impl Default for Study {
 #[serde(default)]
 pub(super) struct Subjects {
     pub(super) table: PathBuf,
-    /// Name of the column of ids, if the subjects' files are given by patterns.
+    /// Name of the column that contains the ids, if patterns name the subjects' files.
     pub(super) id: String,
     /// Path of each subject's surface, a pattern with `{id}`.
     pub(super) surface: Option<String>,
@@ -99,7 +99,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Returns the arguments about reading volumes.
+    /// Returns the arguments that concern the reading of volumes.
     pub(super) fn of_volumes(&self) -> Vec<String> {
         let with_value =
             ["--voxel-size", "--axes", "--threshold", "--channel", "--time", "--smooth-radius"].into_iter();
@@ -233,7 +233,7 @@ impl Study {
     ///
     /// # Errors
     ///
-    /// If it has an unknown key, lacks a required key, or has a value of the wrong type.
+    /// If the text has an unknown key, lacks a required key, or has a value of the wrong type.
     pub(super) fn parse(text: &str) -> Result<Self> {
         let table: Table = text.parse().map_err(|error: toml::de::Error| told(text, &error))?;
         keys::check(&table)?;

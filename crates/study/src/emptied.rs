@@ -15,7 +15,7 @@ use spharm_analysis::table::{column_of, is_missing};
 
 /// Maximum number of subjects that a message lists with their reasons.
 const LISTED: usize = 3;
-/// Maximum number of characters of a reason.
+/// Maximum number of characters of a reason in a message; longer reasons are cut off.
 const SHORT: usize = 80;
 
 /// Checks that each level of a test's effect has a subject among the rows that are `left`. A level may be missing if
@@ -58,7 +58,7 @@ pub(super) fn check(plan: &Plan, test: &Test, left: &[&Row], failed: &[(String, 
                 continue;
             }
             bail!(
-                "no subject with {name} {level:?} is left, of {} in the table{}{}; keep or repair some of them, or \
+                "no subject with {name} {level:?} is left of the {} in the table{}{}; keep or repair some of them, or \
                  change the test",
                 counted(ids.len(), plan.row_noun()),
                 listed("excluded", &excluded),

@@ -1,4 +1,5 @@
-//! Prints the end of a study: its stages, flagged subjects, warnings and failures, or all of them as JSON.
+//! Prints the summary at the end of a study: its stages, flagged subjects, warnings and failures, or all of them as
+//! JSON.
 
 use anyhow::{Result, bail};
 use serde_json::{Value, json};

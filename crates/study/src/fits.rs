@@ -20,7 +20,7 @@ pub(super) struct Fits<'a> {
     pub(super) manifest: &'a Manifest,
     /// Folder of the models, ID.spharm.npz.
     pub(super) models: PathBuf,
-    /// Folder of the tables of the outcomes, one per shard.
+    /// Folder of the status files (tables of outcomes), one file per shard.
     pub(super) status: PathBuf,
 }
 
@@ -45,12 +45,12 @@ impl Fits<'_> {
         self.status.join(name)
     }
 
-    /// Reads the outcomes of these fits from all tables.
+    /// Reads the outcomes of these fits from all status files.
     pub(super) fn merged(&self) -> Result<Merged> {
         Ok(Merged::read(&self.status_files()?)?)
     }
 
-    /// Returns the subjects that failed, with the reasons.
+    /// Returns the ids of the subjects whose fits failed, with the reasons.
     pub(super) fn failed(&self, merged: &Merged) -> Vec<(String, String)> {
         failed(self.manifest, |id| merged.entry(id))
     }
@@ -66,7 +66,7 @@ impl Fits<'_> {
     }
 }
 
-/// Returns the subjects whose outcome is a failure, with the reasons.
+/// Returns the ids of the subjects whose outcome is a failure, with the reasons.
 fn failed<'a>(manifest: &'a Manifest, entry: impl Fn(&'a str) -> Option<&'a Entry>) -> Vec<(String, String)> {
     let entries = manifest.rows.iter().filter_map(|row| entry(&row.id));
     let failed = entries.filter(|entry| entry.state == State::Failed);
@@ -90,7 +90,7 @@ impl Outcomes {
         unfinished.or(entries.first()).copied()
     }
 
-    /// Returns the subjects with a failed fit, with the reasons.
+    /// Returns the ids of the subjects with a failed fit, with the reasons.
     pub(super) fn failed(&self, manifest: &Manifest) -> Vec<(String, String)> {
         failed(manifest, |id| self.entry(id))
     }

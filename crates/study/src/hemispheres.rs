@@ -15,8 +15,7 @@ use super::plan::{Plan, Subject};
 /// Maximum number of fits that the warning names.
 const NAMED: usize = 6;
 
-/// Returns a warning if fits of the given subjects have a sphere or mask of the other hemisphere, according to the
-/// models.
+/// Returns a warning if the models of the given subjects record a sphere or mask of the other hemisphere.
 pub(super) fn differ(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
     let mut found = Vec::new();

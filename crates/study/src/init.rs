@@ -12,12 +12,12 @@ use spharm_surface::io::{is_named_mesh, is_named_signal};
 use super::config::{escaped, template};
 use spharm_analysis::table::Table;
 
-/// Names of columns of ids, the most likely first; BIDS uses the first.
+/// Names that columns of ids usually have, the most likely first; BIDS uses the first name.
 const IDS: [&str; 6] = ["participant_id", "id", "subject_id", "subject", "participant", "name"];
 /// Names of columns that studies usually test, the most likely first.
 const EFFECTS: [&str; 9] =
     ["group", "diagnosis", "dx", "condition", "treatment", "arm", "case_control", "sex", "gender"];
-/// Maximum depth of folders below the study file's folder that are searched for surfaces.
+/// Maximum depth, below the study file's folder, of the folders that are searched for surfaces.
 const DEPTH: usize = 8;
 /// Maximum number of files found before the search ends.
 const FILES: usize = 200_000;
@@ -32,7 +32,7 @@ pub(super) struct Filled {
     pub(super) notes: Vec<String>,
 }
 
-/// A pattern of paths, with the number of subjects for which such a file exists.
+/// A pattern of paths, with the number of subjects for which a matching file exists.
 struct Pattern {
     pattern: String,
     subjects: usize,

@@ -1,5 +1,5 @@
-//! The verb `study` of the program, which makes a page from a table of subjects. Each stage is a command of spharm.
-//! The program passes the function that runs commands, so that this crate doesn't depend on the program.
+//! The verb `study` of the program, which makes a page from a table of subjects. Each stage is a command of spharm. The
+//! program passes this crate a function that runs commands, so that the crate doesn't depend on the program.
 //!
 //! | module | contents |
 //! |---|---|

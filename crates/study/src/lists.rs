@@ -10,14 +10,14 @@ use super::plan::{PLAIN, Plan, Subject, write_changed};
 use super::test::Test;
 use super::{sides, surfaces};
 
-/// File with the list of the mirrored subjects' models.
+/// Name of the file that lists the models of the mirrored subjects.
 pub(super) const MIRRORED: &str = "mirrored.txt";
-/// File with the list of the models of the mirrored subjects' signals.
+/// Name of the file that lists the models of the mirrored subjects' signals.
 pub(super) const MIRRORED_SIGNALS: &str = "mirrored-signals.txt";
 
 impl Plan {
-    /// Returns the path of each subject's model for comparisons: the aligned model if models are aligned, otherwise
-    /// the fitted one.
+    /// Returns the path of each subject's model for comparisons: the aligned model if the study aligns models,
+    /// otherwise the fitted model.
     pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
         let folder = self.aligned_folder();
         let place = |subject: &Subject<'_>| match (self.method, subject.model.file_name()) {

@@ -1,4 +1,4 @@
-//! Writes the paragraph on methods for a paper, with versions, settings and citations.
+//! Writes the methods paragraph for a paper, with versions, settings and citations.
 
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -17,7 +17,7 @@ use super::test::Test;
 use super::warnings::{about, ids_in_state};
 use spharm_analysis::Poses;
 
-/// Name of the file in the study's output that contains the paragraph on the study's methods.
+/// Name of the file in the study's output folder that contains the methods paragraph.
 pub(super) const FILE: &str = "methods.md";
 
 /// Cited publications, with the short forms by which the text refers to them.
@@ -58,8 +58,9 @@ const CITED: [(&str, &str); 9] = [
     ),
 ];
 
-/// Returns the text for a study. `subjects` is the number of subjects that could be fitted; `failed` lists the ids of
-/// the subjects that couldn't be fitted, and `flagged` the ids of the subjects that the quality control flagged.
+/// Returns the methods paragraph of a study, followed by the references. `subjects` is the number of subjects that
+/// could be fitted; `failed` lists the ids of the subjects that couldn't be fitted, and `flagged` the ids of the
+/// subjects that the quality control flagged.
 pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&str]) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let mut text = format!(
@@ -195,7 +196,7 @@ fn counted_were(count: usize, noun: &str) -> String {
     format!("{} {}", counted(count, noun), if count == 1 { "was" } else { "were" })
 }
 
-/// Returns the sentences about a test.
+/// Returns the sentences of the methods paragraph about a test.
 fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     let quantity = match test.signal.as_deref() {
         Some("position") => "the position of each surface point",
@@ -290,7 +291,7 @@ fn has_nuisance(test: &Test, about: &Value) -> bool {
     !test.covariates.is_empty() || test.effect.contains(':') || columns > 2 && !of_all_levels
 }
 
-/// Returns the sentences about the surfaces of volumes; empty if the study has no volumes.
+/// Returns the sentences about how surfaces were made from volumes; empty if the study has no volumes.
 fn of_volumes(plan: &Plan) -> String {
     let fit = &plan.study.fit;
     let mapped = |row: &Row| row.sphere.is_none() && is_volume(&row.surface);

@@ -28,8 +28,8 @@ pub(super) fn ascend(place: &Path, way: &Path) -> PathBuf {
 pub(super) fn without_folder(message: &str, folder: &str) -> String {
     let (mut found, mut at) = (String::new(), 0);
     let is_inner = |c: char| c.is_alphanumeric() || "._-/\\".contains(c);
-    // Paths may contain spaces, so the text `folder` may be inside a path although a space precedes it. It is assumed
-    // to be inside a path if the word before the space looks like a part of a path.
+    // Paths may contain spaces, so an occurrence of `folder` after a space may be in the middle of a path. It is
+    // assumed to be so if the word before the space looks like a part of a path.
     let is_in_path = |before: &str| {
         let word = before.strip_suffix(' ').and_then(|before| before.rsplit(' ').next()).unwrap_or_default();
         word.contains(['/', '\\']) && word.ends_with(is_inner)

@@ -14,7 +14,7 @@ use super::{exclusion, sides, subjects};
 
 /// Folder within the output folder for the records from which a study is resumed.
 const RECORDS: &str = ".study";
-/// Name of the folder of the plain alignment, which is made for comparison.
+/// Name of the folder of the plain alignment, with which the correspondence is compared.
 pub(super) const PLAIN: &str = "plain";
 
 /// A study with its resolved paths and subjects.
@@ -64,7 +64,7 @@ pub(super) struct Subject<'a> {
 }
 
 impl Plan {
-    /// Reads a study file and its table. `output` replaces the folder of the outputs.
+    /// Reads a study file and its table. `output`, if given, overrides the output folder that the file names.
     pub(super) fn read(path: &Path, output: Option<PathBuf>, common: Vec<String>) -> Result<Self> {
         Self::of_text(path, Study::text(path)?, output, common)
     }
@@ -222,8 +222,8 @@ impl Plan {
         self.fits().into_iter().nth(1)
     }
 
-    /// Returns the folder of outcomes in which failures are recorded: the signals' folder if only fits of signals
-    /// failed, otherwise the surfaces' folder.
+    /// Returns the folder of status files to which messages about failures refer: the signals' folder if only fits of
+    /// signals failed, otherwise the surfaces' folder.
     pub(super) fn status_of_failures(&self) -> PathBuf {
         let fails = |fits: &Fits<'_>| fits.merged().is_ok_and(|merged| !fits.failed(&merged).is_empty());
         self.fits().into_iter().find(fails).map_or_else(|| self.status(), |fits| fits.status)

@@ -19,7 +19,7 @@ use super::stage::Stage;
 /// Name of the record in the study's output.
 pub(super) const FILE: &str = "provenance.json";
 
-/// Record of a study. Paths of inputs within the study's folder are relative to it.
+/// Record of a study. Paths of inputs within the study's folder are relative to this folder.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Provenance {
     tool: String,
@@ -199,7 +199,7 @@ impl Provenance {
     }
 }
 
-/// Returns whether a result must be the same in every run.
+/// Returns whether the result at this path must be the same in every run, so that it is compared.
 fn is_compared(path: &Path) -> bool {
     path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| COMPARED.contains(&ending))
 }

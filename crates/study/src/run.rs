@@ -1,4 +1,4 @@
-//! Reads the study and the arguments, checks them, and starts the commands.
+//! Reads and checks the study and the arguments of a call, and starts the commands.
 
 use std::fs::{File, TryLockError};
 use std::path::Path;
@@ -111,8 +111,8 @@ pub fn run(
     done
 }
 
-/// Locks the study for this process; jobs that fit shards share the lock. If the file system doesn't support locks, the
-/// study runs without one.
+/// Locks the study for this process, so that no other run changes it. Jobs that fit shards share the lock. If the file
+/// system doesn't support locks, the study runs without one.
 fn lock(plan: &Plan, shared: bool) -> Result<File> {
     let path = plan.records().join(".lock");
     let options = File::options().create(true).append(true).clone();

@@ -1,5 +1,5 @@
-//! Handles studies with both sides of each subject, such as hemispheres. Each side of a subject has its own row; the
-//! second side is mirrored, so that the same directions of both sides correspond.
+//! Handles studies in which each subject has two sides, such as hemispheres. Each side of a subject has its own row;
+//! the second side is mirrored, so that equal directions on the two sides correspond.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +17,7 @@ pub(super) const SIDE: &str = "{side}";
 /// Names of the columns for the subject and the side of a row.
 pub(super) const COLUMNS: [&str; 2] = ["subject", "side"];
 
-/// Checks the keys about sides of a study file.
+/// Checks the keys of a study file that concern sides.
 pub(super) fn check(study: &Study) -> Result<()> {
     check_placeholders(study)?;
     check_names(study)?;
@@ -96,7 +96,7 @@ fn check_names(study: &Study) -> Result<()> {
     Ok(())
 }
 
-/// Name of the key of the surfaces, for messages.
+/// Name of the key for the surfaces, as messages state it.
 const SURFACE: &str = "`surface` in [subjects]";
 
 /// Returns the patterns and columns that name the files of each subject, with the names of their keys.
@@ -218,7 +218,7 @@ pub(super) fn uses(test: &Test, manifest: &Manifest, row: &Row) -> bool {
     test.side.is_none() || test.is_of_differences() || cells(manifest, row)[1] == test.side.as_deref()
 }
 
-/// Returns a pair of row indices, first side and second side, for each subject with both sides.
+/// Returns, for each subject with both sides, the row indices of the first side and of the second side.
 pub(super) fn pairs<'a>(
     subjects: &Subjects,
     rows: impl Iterator<Item = &'a [String]>,

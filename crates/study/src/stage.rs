@@ -50,7 +50,8 @@ impl Stage {
         Ok(record.key == self.key()? && self.hashes().is_ok_and(|found| found == record.outputs))
     }
 
-    /// Removes the outputs of an earlier run of the stage, so that no files of removed subjects remain.
+    /// Removes the outputs that an earlier run of the stage wrote, so that no files of subjects that have since been
+    /// removed remain.
     pub(super) fn clear(&self, records: &Path) -> Result<()> {
         for (path, _) in self.recorded(records).filter(|(path, _)| path.exists()) {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;

@@ -32,7 +32,7 @@ pub(super) fn manifest(
 ) -> Result<(Manifest, Option<Vec<u8>>)> {
     let Some(surface) = &subjects.surface else {
         if subjects.sphere.is_some() {
-            bail!("`sphere` in [subjects] is a pattern, so it needs a `surface` pattern beside it");
+            bail!("`sphere` in [subjects] is a pattern, so it also needs a `surface` pattern");
         }
         let mut manifest = Manifest::read(table)?;
         // The fit gets the label as an argument, because its manifest is the table itself.
@@ -44,8 +44,8 @@ pub(super) fn manifest(
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
-    // Errors state the path of the user's table, because only ids can be wrong in the manifest `made`, and the ids come
-    // from the table. The line numbers of `made` differ from those of the table.
+    // Errors in the manifest `made` state the path of the user's table, because only ids can be wrong, and the ids come
+    // from the table. The line numbers are those of `made`, which differ from those of the table.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }

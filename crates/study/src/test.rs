@@ -32,7 +32,7 @@ pub(super) const KEYS: [&str; 20] = [
     "permutations",
 ];
 
-/// Value of the key `side` for the differences between the sides.
+/// Value of the key `side` that requests a test of the differences between the sides.
 pub(super) const ASYMMETRY: &str = "asymmetry";
 
 /// Name of the tested quantity for values of a signal.

@@ -1,5 +1,5 @@
-//! Removes files that don't belong to a study any more: those of removed subjects and tests, models of subjects whose
-//! fits fail, damaged models, and leftovers of killed processes. Only files made by the study itself are removed.
+//! Removes files that don't belong to a study any more: files of removed subjects and tests, models of subjects whose
+//! fits fail, damaged models, and temporary files of killed processes. Only files made by the study itself are removed.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -28,8 +28,8 @@ pub(super) fn leftovers(plan: &Plan) {
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
 }
 
-/// Removes models that the study has made for these rows and that can't be read, so that they are made again. Returns
-/// the ids of the removed models.
+/// Removes damaged models of these rows: models that the study made but that can't be read. The study then makes them
+/// again. Returns the ids of the removed models.
 pub(super) fn damaged<'a>(
     fits: &Fits<'_>,
     rows: impl Iterator<Item = &'a Row>,
@@ -107,7 +107,7 @@ fn model(folder: &Path, id: &str) -> Result<bool> {
     Ok(true)
 }
 
-/// Removes a file of an earlier run, if it exists.
+/// Removes a file that an earlier run wrote, if the file exists.
 pub(super) fn file(path: &Path) -> Result<()> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {

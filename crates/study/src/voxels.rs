@@ -13,11 +13,11 @@ use spharm_cohort::check::edges;
 
 use super::plan::Subject;
 
-/// Relative difference up to which voxel sizes count as equal.
+/// Largest relative difference between two voxel sizes that are treated as equal.
 const EQUAL: f64 = 0.01;
 
-/// Voxel size of each subject whose surface was made from a label, by the subject's id. A voxel size consists of the
-/// edge lengths in ascending order.
+/// Voxel size of each subject whose surface was made from a label, by the subject's id: the voxel's three edge lengths,
+/// in ascending order.
 pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
 
 /// Reads the voxel sizes that the subjects' models record.
@@ -37,7 +37,7 @@ fn size(model: &Path) -> Result<Option<[f64; 3]>> {
     }))
 }
 
-/// Returns a warning if the usual size of voxels differs between two levels. `levels` has the level of each row.
+/// Returns a warning if the most frequent voxel size differs between two levels. `levels` has the level of each row.
 pub(super) fn differ(test: &str, rows: &[&Row], levels: &[String], sizes: &Sizes<'_>) -> Option<String> {
     let mut usual: Vec<(&str, [f64; 3])> = Vec::new();
     for level in levels {

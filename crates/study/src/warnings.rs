@@ -1,4 +1,4 @@
-//! Collects reasons to doubt a study's results: the flagged subjects, and the warnings of the quality control, the
+//! Collects reasons to doubt a study's results: the flagged subjects, and the warnings from the quality control, the
 //! alignment and the tests.
 
 use std::collections::HashSet;
@@ -24,8 +24,7 @@ pub(super) struct Flagged {
     pub(super) flags: Vec<String>,
 }
 
-/// Reads the flagged subjects, the worst first, and the warnings about the whole group from the report of the quality
-/// control.
+/// Reads the flagged subjects (worst first) and the warnings about the whole group from the quality-control report.
 pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     let report = read(&plan.check_report(), "report")?;
     let subjects = report["subjects"].as_array().map_or(&[][..], Vec::as_slice);
@@ -56,7 +55,7 @@ pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     Ok((flagged, warnings))
 }
 
-/// Returns the ids of the subjects in a state, such as `accepted`, from the report of the quality control.
+/// Returns the ids of the subjects in a state, such as `accepted`, from the quality-control report.
 pub(super) fn ids_in_state(plan: &Plan, state: &str) -> Result<HashSet<String>> {
     let report = read(&plan.check_report(), "report")?;
     let subjects = report["subjects"].as_array().into_iter().flatten();
@@ -64,8 +63,8 @@ pub(super) fn ids_in_state(plan: &Plan, state: &str) -> Result<HashSet<String>> 
     Ok(ids.map(str::to_owned).collect())
 }
 
-/// Returns the warnings of the alignment and the tests about the whole group. Warnings about single subjects are flags
-/// of these subjects instead.
+/// Returns the warnings from the alignment and the tests about the whole group. Warnings about single subjects become
+/// flags of these subjects instead.
 pub(super) fn of_group(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
     let mut warnings = Vec::new();
     if plan.alignment_warnings().is_file() {

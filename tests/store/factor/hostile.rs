@@ -68,7 +68,7 @@ const LIES: &[Lie] = &[
     ("reciprocal condition number", |f| put64(&mut f.header, 136, NAN)),
     ("reserved bytes", |f| f.header[144] = 1),
     ("reserved bytes", |f| f.header[4063] = 1),
-    ("footer (cut off?)", |f| f.footer[0] = b's'),
+    ("footer (truncated file?)", |f| f.footer[0] = b's'),
     ("offset of the table", |f| put64(&mut f.footer, 8, 0)),
     ("offset of the table", |f| put64(&mut f.footer, 8, u64::MAX)),
     ("number of entries in the table", |f| put64(&mut f.footer, 16, 2)),

@@ -47,7 +47,7 @@ pub(crate) struct Cli {
     /// are used for the pictures.
     #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
     pub(super) frames: Option<PathBuf>,
-    /// Files with warnings of other commands
+    /// Files with warnings from other commands
     ///
     /// Each file is a JSON list of strings. A string `NAME: ...` becomes a flag of the subject NAME.
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]

@@ -6,7 +6,7 @@ use spharm::{Model, Sphere};
 use spharm_surface::Mesh;
 use spharm_surface::geometry::bounds;
 
-/// Returns the lowest and the highest coordinates of a model's surface after a transform.
+/// Returns the lowest and the highest x, y and z of a model's surface after the transform `pose`.
 pub(super) fn extent(model: &Model, pose: &Similarity) -> Result<[[f64; 3]; 2]> {
     let mesh = moved(&evaluated(model, &Sphere::icosphere(3))?, pose);
     let (low, high) = bounds(mesh.vertices.iter().copied());

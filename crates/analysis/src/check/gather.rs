@@ -22,7 +22,7 @@ use super::evaluated::extent;
 use spharm_cli::inputs::read_warnings;
 use spharm_cli::models::surface_path;
 
-/// State of a subject. The list of subjects is sorted by state, in the order of the variants.
+/// State of a subject. The table lists the subjects by state, in the order of these variants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum State {
     Flagged,
@@ -52,16 +52,16 @@ pub(super) struct WithoutModel {
     pub(super) reason: String,
 }
 
-/// Facts about a subject with a model.
+/// Facts about a subject that has a model.
 pub(super) struct Found {
     pub(super) facts: Facts,
-    /// Size of the surface's file in bytes; 0 if it is missing.
+    /// Size of the surface's file in bytes; 0 if the file is missing.
     pub(super) surface_bytes: u64,
     /// Lowest and highest coordinates of the model in the frame in which the subjects are drawn.
     pub(super) extent: [[f64; 3]; 2],
 }
 
-/// The inputs of the check.
+/// The inputs of the quality control.
 pub(super) struct Inputs {
     pub(super) models: Vec<PathBuf>,
     pub(super) names: Vec<String>,
@@ -69,9 +69,9 @@ pub(super) struct Inputs {
     aligned: Option<Vec<PathBuf>>,
     mean: Option<Model>,
     scores: Option<Vec<Vec<f64>>>,
-    /// Transforms of the surfaces to the frames of the aligned models.
+    /// Transforms from the surfaces' frames to the aligned models' frames.
     frames: Option<Vec<Similarity>>,
-    /// Warnings about each subject, without its name.
+    /// Warnings about each subject, without the name at the beginning of each warning.
     warnings: Vec<Vec<String>>,
     /// Subjects whose flags were accepted, each with the reason, which may be empty.
     pub(super) accepted: HashMap<String, String>,
@@ -150,8 +150,8 @@ impl Inputs {
     }
 }
 
-/// Returns the warnings about each subject, which are the strings that begin with the subject's name and a colon. This
-/// prefix is removed.
+/// Returns the warnings about each subject: the strings that begin with the subject's name and a colon, without this
+/// prefix.
 fn by_subject(texts: Vec<String>, places: &HashMap<&str, usize>, count: usize) -> Vec<Vec<String>> {
     let mut found = vec![Vec::new(); count];
     for text in texts {
@@ -162,7 +162,7 @@ fn by_subject(texts: Vec<String>, places: &HashMap<&str, usize>, count: usize) -
     found
 }
 
-/// Returns the scores of each subject.
+/// Returns the scores of each subject along the modes.
 fn scores(table: &Table, names: &[String]) -> Result<Vec<Vec<f64>>> {
     let rows: HashMap<&str, usize> = table.cells("model")?.into_iter().enumerate().map(|(row, id)| (id, row)).collect();
     let modes = (1..).map(|mode| format!("mode_{mode}")).take_while(|name| table.has(name));
@@ -187,7 +187,7 @@ fn in_order(names: &[String], paths: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     names.iter().map(one).collect()
 }
 
-/// Returns the subjects without a model, from a table of states.
+/// Returns the subjects without a model, as listed in a table of the subjects' states.
 fn without_model(table: &Table, places: &HashMap<&str, usize>) -> Result<Vec<WithoutModel>> {
     let (ids, states, errors) = (table.cells("id")?, table.cells("state")?, table.texts("error")?);
     let mut seen = HashSet::new();
@@ -204,7 +204,7 @@ fn without_model(table: &Table, places: &HashMap<&str, usize>) -> Result<Vec<Wit
     Ok(rows.map(of).collect())
 }
 
-/// Returns the subjects whose flags were accepted, with the reasons, from a table of states.
+/// Returns the subjects whose flags were accepted, with the reasons, as listed in a table of the subjects' states.
 fn accepted(table: &Table) -> Result<HashMap<String, String>> {
     if !table.has("accepted") {
         return Ok(HashMap::new());

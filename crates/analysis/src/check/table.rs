@@ -7,7 +7,7 @@ use spharm_cohort::check::{Checked, Facts, Measure, edges};
 use super::super::outputs::short;
 use super::gather::{State, WithoutModel};
 
-/// A subject in the table.
+/// A subject's row in the table.
 pub(super) struct Line<'a> {
     pub(super) id: &'a str,
     pub(super) state: State,
@@ -15,7 +15,7 @@ pub(super) struct Line<'a> {
     found: Option<(&'a Facts, &'a Checked)>,
     /// Reason why there is no model, or why the flags were accepted.
     reason: &'a str,
-    /// Scale of the picture, at most 1; below 1 for a surface that is much larger than the other surfaces.
+    /// Scale of the subject's picture: 1, or less for a surface that is much larger than the other surfaces.
     scale: Option<f64>,
 }
 
@@ -141,7 +141,7 @@ pub(super) fn sort(lines: &mut [Line<'_>]) {
     lines.sort_by(|a, b| a.state.cmp(&b.state).then(b.severity().total_cmp(&a.severity())));
 }
 
-/// Returns the text of the table.
+/// Returns the table as tab-separated text.
 pub(super) fn tsv(lines: &[Line<'_>]) -> String {
     let mut text = ["id", "state", "flags"].into_iter().chain(COLUMNS).collect::<Vec<_>>().join("\t") + "\n";
     for line in lines {

@@ -35,7 +35,7 @@ const NAMED: usize = 6;
 /// Colours of the distance 0, of half the distance shown in red, and of the distance shown in red.
 const COLOURS: [[f64; 3]; 3] = [[222.0, 208.0, 196.0], [240.0, 150.0, 60.0], [190.0, 20.0, 30.0]];
 
-/// Results of drawing the pictures.
+/// Facts about the pictures that were drawn.
 pub(super) struct Drawing {
     /// Distance at which the colours reach red, in the surfaces' unit.
     pub(super) red_at: f64,
@@ -54,8 +54,8 @@ pub(super) fn paths(folder: &Path, models: &[PathBuf]) -> Vec<PathBuf> {
     models.iter().map(one).collect()
 }
 
-/// Returns the memory in bytes for drawing the largest surface, in addition to its model: the file and the mesh, its
-/// copy in the common pose, and the search tree of the model's surface.
+/// Returns the memory, in bytes, for drawing the largest surface, without the memory for its model. The memory holds
+/// the surface's file, its mesh, a copy of the mesh in the common pose, and the search tree of the model's surface.
 pub(super) fn bytes(found: &[Found]) -> u64 {
     let file = found.iter().map(|found| found.surface_bytes).max().unwrap_or(0);
     // A vertex takes at least 12 bytes of the file, and a mesh has twice as many triangles as vertices.
@@ -64,7 +64,7 @@ pub(super) fn bytes(found: &[Found]) -> u64 {
     file.saturating_mul(3).saturating_add(distances_to_surface_bytes(vertices.saturating_mul(2), vertices)) + pictures
 }
 
-/// Draws the surfaces.
+/// Draws a picture of each subject's surface.
 pub(super) fn draw(
     inputs: &Inputs,
     found: &[Found],

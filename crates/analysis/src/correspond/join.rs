@@ -1,4 +1,4 @@
-//! Adds surfaces to a finished group; skips surfaces that are already members.
+//! `shape correspond --to`: adds surfaces to a finished group, and skips surfaces that are already members.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -82,10 +82,10 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     });
     finish("correspond", &report, &rows(done.iter().map(|found| (found.name.as_str(), &found.report))), &cli.report)?;
     for surface in surfaces.iter().filter(|surface| files.names().contains(&surface.name)) {
-        monitor.console().note(format!("{}: the group already has a member of this name", surface.name));
+        monitor.console().note(format!("{}: the group already has a member with this name", surface.name));
     }
     if there > 0 {
-        monitor.console().note(format!("kept {} of an earlier run", counted(there, "member")));
+        monitor.console().note(format!("kept {} from an earlier run", counted(there, "member")));
     }
     Ok(())
 }
@@ -142,7 +142,8 @@ fn added(
         same_file || member.report.same_surface(&found.report)
     };
     let same = existing.iter().find(is_same).map(|member| format!("{IDENTICAL_TO}{}", member.name));
-    // `of_member` needs no names of other members here: only warnings about equal members of a new group contain them.
+    // `of_member` needs no names of other members here, because only warnings about equal members of a new group
+    // contain such names.
     let others = found.warnings.iter().map(|of| of.of_member(|_| String::new()));
     let of_member: Vec<String> = same.into_iter().chain(others).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
@@ -158,8 +159,8 @@ fn added(
     Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
-/// Returns whether a model was left by an interrupted run of `shape correspond`: the member's record, which is written
-/// after the model, doesn't exist.
+/// Returns whether an interrupted run of `shape correspond` left a member's model without the member's record, which is
+/// written after the model.
 fn left_over(folder: &Path, name: &str) -> bool {
     let ours = |path: PathBuf| {
         Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))

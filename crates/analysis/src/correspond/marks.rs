@@ -93,8 +93,8 @@ pub(super) fn far(error: &spharm::Error, names: &[String], surfaces: &[Surface])
 /// landmarks that seem to be swapped or misplaced.
 pub(super) fn errors(marks: Marks, surfaces: &[Surface], group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
     let count = group.models.len();
-    // Carrying a member's landmarks to the member itself gives its own landmarks, with which carried landmarks are
-    // compared.
+    // Carrying a member's landmarks to the same member gives the landmarks with which those carried from other members
+    // are compared.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
     let own = own.collect::<Result<Vec<_>, _>>()?;
     let of_source = |source: usize| -> Result<Vec<Vec<(f64, bool)>>> {

@@ -1,4 +1,4 @@
-//! `shape correspond`: models surfaces over one sphere, so that equal directions are corresponding points.
+//! `shape correspond`: fits models of all surfaces over one sphere, so that equal directions are corresponding points.
 
 mod join;
 mod marks;
@@ -178,7 +178,7 @@ pub enum Poses {
 }
 
 impl Cli {
-    /// Returns the settings for computing poses, and whether the given poses are kept.
+    /// Returns the settings for computing poses, and whether the surfaces keep their own poses.
     fn poses(&self) -> (PoseParams, bool) {
         let search = match self.pose {
             Poses::Any => PoseSearch::Any,

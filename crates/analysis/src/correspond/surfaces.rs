@@ -36,7 +36,7 @@ pub(crate) struct Surface {
     pub(crate) radius: Option<f64>,
     /// Whether the surface is mirrored first, x to -x.
     pub(crate) mirrored: bool,
-    /// Files of signals on the surface's vertices.
+    /// Files of signals (one value for each of the surface's vertices) to match.
     pub(crate) signals: Vec<PathBuf>,
     /// Surface of a label, and doubts about the voxel size and position of its volume; kept in memory because making
     /// the surface takes a long time.
@@ -53,8 +53,8 @@ pub struct With {
     /// Name of a column of the table, or of a file in the surface's folder. In a file's name, {stem} is replaced by the
     /// surface's name.
     pub name: String,
-    /// A difference of one standard deviation of the signal weighs as a distance of this many times the square root of
-    /// the surface's area.
+    /// A difference of one standard deviation of the signal counts as much as a distance of `weight` times the square
+    /// root of the surface's area.
     pub weight: f64,
 }
 
@@ -124,7 +124,7 @@ impl Surface {
         let one = |path: &PathBuf| {
             let signal = read_signal(path)?;
             if signal.channels != 1 {
-                let (expected, found) = ("one value per vertex".to_owned(), signal.channels.to_string());
+                let (expected, found) = ("one value per vertex".to_owned(), format!("{} values", signal.channels));
                 return Err(Error::GroupFile { path: path.clone(), expected, found });
             }
             Ok(signal.values)
@@ -171,7 +171,7 @@ pub(super) fn of_group(group: &Group, surfaces: &[Surface]) -> Vec<String> {
     group.report.of_group(&members)
 }
 
-/// Reads a mesh, or the mesh of a model.
+/// Reads a mesh from the file of a mesh, or evaluates the model in a file as a mesh.
 pub(crate) fn read(path: &Path) -> Result<Mesh> {
     Ok(Surface { path: path.to_owned(), ..Surface::default() }.read()?)
 }

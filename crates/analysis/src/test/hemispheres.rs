@@ -1,4 +1,5 @@
-//! Warns about models, and about files on the sampling's vertices, that belong to different hemispheres.
+//! Warns if the models, or the files for the sampling's vertices (sphere, masks, annotation), belong to different
+//! hemispheres.
 
 use std::path::PathBuf;
 

@@ -20,9 +20,9 @@ use super::question::Study;
 /// Measures of all subjects.
 pub(super) struct Measures {
     names: Vec<String>,
-    /// Units, as [`unit`] returns them.
+    /// Unit of each measure, as [`unit`] returns it.
     units: Vec<&'static str>,
-    /// Values of the measures, an array (subjects, measures).
+    /// Values of the measures, an array of shape (subjects, measures).
     values: Array2<f64>,
 }
 
@@ -82,7 +82,8 @@ struct Numbers {
 }
 
 impl Read {
-    /// Reads the numbers of the subjects with these models. A table's first column has the models' names or paths.
+    /// Reads the measures of the subjects to whom `models` belong. A table's first column has the models' names or
+    /// paths.
     fn of(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
         let mut columns: Vec<Numbers> = Vec::new();
         for (path, wanted) in sources {
@@ -138,17 +139,17 @@ fn unit(table: &Table, column: &str) -> &'static str {
     }
 }
 
-/// Measures with the outcome of their test.
+/// Measures, with the results of testing them.
 pub(super) struct Tested {
     measures: Measures,
     found: Test,
-    /// Levels of the tested column, in the order of the difference.
+    /// Levels of the tested column, in the order in which they are subtracted.
     levels: Vec<String>,
     /// Level of each subject; empty if the tested column has no levels.
     groups: Vec<String>,
 }
 
-/// Number, mean and standard deviation of values.
+/// Number, mean and standard deviation of some values.
 struct Spread {
     count: usize,
     mean: f64,
@@ -161,7 +162,7 @@ impl Spread {
         let mean = values.clone().sum::<f64>() / count as f64;
         let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
         let deviation = (squares / (count as f64 - 1.0)).sqrt();
-        // Replace a mean that is zero up to rounding by zero, as for scores along modes.
+        // Replace a mean that is zero up to rounding, such as the mean of scores along modes, by zero.
         let mean = if mean.abs() < 1e-12 * deviation { 0.0 } else { mean };
         Self { count, mean, deviation }
     }
@@ -236,7 +237,7 @@ impl Tested {
         (0..self.measures.names.len()).map(of).collect()
     }
 
-    /// Returns the printed lines.
+    /// Returns the rows of the printed table, one for each measure.
     pub(super) fn lines(&self) -> Vec<Vec<String>> {
         let line = |at: usize| {
             let effect = self

@@ -170,7 +170,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let maps = results::maps(&found, mask.as_deref());
     prepare(&table_file)?;
     let structure = structure(&sphere, &study.paths);
-    // Collect the files of an earlier test that this test doesn't write; --force allows their removal.
+    // Collect the files from an earlier test that this test doesn't replace; --force allows their removal.
     let mut stale: Vec<PathBuf> = Vec::new();
     for name in MAPS {
         let (file, others) = cli.map_files(name);

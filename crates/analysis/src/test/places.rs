@@ -1,4 +1,4 @@
-//! Describes the places of tested vertices: direction, position on the mean, and region of an annotation.
+//! Describes the places of tested vertices: direction, position on the mean surface, and region in an annotation.
 
 use serde_json::{Value, json};
 use spharm::Sphere;
@@ -26,7 +26,7 @@ impl<'a> Places<'a> {
         Self { sphere, mean, annotation, tested }
     }
 
-    /// Returns the index in the sampling of a tested vertex.
+    /// Returns the index, among all vertices of the sampling, of the tested vertex number `at`.
     pub(super) fn vertex(&self, at: usize) -> usize {
         self.tested[at]
     }
@@ -54,7 +54,7 @@ impl<'a> Places<'a> {
         self.annotation.is_some()
     }
 
-    /// Returns the place of the vertex with the largest absolute statistic.
+    /// Returns, as JSON, the place of the vertex with the largest absolute statistic.
     pub(super) fn peak(&self, statistic: &[f64]) -> Value {
         let largest = (0..statistic.len()).max_by(|a, b| statistic[*a].abs().total_cmp(&statistic[*b].abs()));
         largest.map_or(Value::Null, |at| {

@@ -15,16 +15,16 @@ use super::super::table::Table;
 use super::args::{Cli, What};
 use super::pairs::{self, SubjectsDiffer};
 
-/// Models, and the hypothesis to test on them.
+/// The models of a test, and the hypothesis to test on them.
 pub(super) struct Study {
     /// Paths of the models; for pairs, the first models of all pairs come before the second models.
     pub(super) paths: Vec<PathBuf>,
-    /// Whether models are pairs, whose differences are tested.
+    /// Whether the models form pairs, whose differences are tested.
     pub(super) pairs: bool,
     pub(super) question: Question,
     /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
-    /// Whether given contrasts replace the contrast of the effect.
+    /// Whether contrasts given by the user replace the effect's own contrast.
     pub(super) contrast: bool,
     /// Names of the covariates, with the number of levels for a covariate that has levels.
     pub(super) covariates: Vec<String>,
@@ -37,7 +37,7 @@ pub(super) struct Study {
 }
 
 impl Cli {
-    /// Reads the table or the two groups.
+    /// Determines the models and the hypothesis from the table, or from the two groups.
     pub(super) fn study(&self) -> Result<Study> {
         if let Some(path) = &self.table {
             return self.study_of_table(path);
@@ -204,7 +204,7 @@ fn named(table: &Table, folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(table.different("id")?.into_iter().map(file).collect())
 }
 
-/// Refuses a model that occurs in both lists, even if its path is written differently.
+/// Refuses a model that occurs in both lists or twice in one list, even if its paths are written differently.
 fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let first: HashSet<PathBuf> = a.iter().map(place).collect();

@@ -1,4 +1,5 @@
-//! Formats the results of TFCE and of clusters, as maps, as the table of clusters and as summaries.
+//! Formats the results of threshold-free cluster enhancement (TFCE) and of the search for clusters, as maps, as the
+//! table of clusters and as summaries.
 
 use serde_json::{Value, json};
 use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
@@ -50,7 +51,8 @@ pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     Some(csv(&header, rows.iter().map(Vec::as_slice)))
 }
 
-/// Returns the number of clusters, and the number of clusters significant at a level; `None` without clusters.
+/// Returns the number of clusters and the number of clusters significant at a level; `None` if clusters weren't
+/// requested.
 pub(super) fn summary(found: &FamilyWise, level: f64) -> Option<Value> {
     let clusters = found.clusters.as_ref()?;
     let significant = significant(clusters, level);

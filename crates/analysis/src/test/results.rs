@@ -49,7 +49,7 @@ pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Ve
     maps
 }
 
-/// Returns the maps at the tested vertices alone, without the masked vertices.
+/// Returns the maps at the tested vertices only, that is, without the masked vertices.
 fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
     if let Some(family_wise) = &found.family_wise {
@@ -72,7 +72,8 @@ fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// Returns the description of the tested study for pages. The same study always gives the same description.
+/// Returns the description of a test that pages show, for `test.json`. The same study always gives the same
+/// description.
 pub(super) fn about(found: &Test, study: &Study, cli: &Cli, places: &Places<'_>, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
@@ -110,7 +111,7 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, places: &Places<'_>,
     })
 }
 
-/// Returns the complete report.
+/// Returns the complete report on a test.
 pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
@@ -144,7 +145,7 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
     })
 }
 
-/// Returns the files of the masks that aren't groups.
+/// Returns the paths of the masks, except masks that are groups.
 fn masks_of(cli: &Cli) -> Vec<String> {
     cli.mask.iter().filter(|path| !is_group(path)).map(shown).collect()
 }

@@ -1,4 +1,4 @@
-//! Advice on errors and warnings of fits.
+//! Gives advice on errors and warnings of fits.
 
 use std::path::PathBuf;
 
@@ -19,8 +19,8 @@ pub(super) fn of_fit(error: &Error) -> Option<String> {
     }
 }
 
-/// Returns the advice on a memory budget that is too small. If the free memory doesn't suffice either, the advice
-/// states the amount of free memory.
+/// Returns the advice on a memory budget that is too small. If the free memory is also too small, the advice states how
+/// much memory is free.
 fn of_memory(needed: usize) -> String {
     let free = available_memory();
     if free >= needed {

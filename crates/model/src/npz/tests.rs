@@ -51,7 +51,7 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write(&path).unwrap();
     assert_eq!(std::fs::read(&path).unwrap(), bytes);
     assert_eq!(Model::read(&path).unwrap(), model());
-    assert!(matches!(model().write(&path), Err(ModelError::Surface(_))), "a file that is there stays");
+    assert!(matches!(model().write(&path), Err(ModelError::Surface(_))), "an existing file isn't replaced");
     model().write_with(&path, true).unwrap();
 }
 
@@ -85,8 +85,8 @@ fn a_sphere_is_known_again_as_one_made_for_its_surface() {
     assert_eq!(read_bytes(&bytes_of(&model)).unwrap().sphere, model.sphere);
 }
 
-/// The record of a surface's cuts is optional, because models of old versions have no such record. Writing and reading
-/// preserve the record. Reading rejects a record that contradicts the sphere.
+/// The record of a surface's cuts is optional, because models from old versions have no such record. Writing and
+/// reading preserve the record. Reading rejects a record that contradicts the sphere.
 #[test]
 fn where_a_surface_was_cut_returns_and_must_fit() {
     let mut cut = model();

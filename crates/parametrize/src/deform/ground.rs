@@ -9,7 +9,7 @@ use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, area, norm, scale, sub, unit};
 use crate::resample::{self, CHUNK, locator, unit_vectors};
 
-/// The given surface and its map to the sphere.
+/// The surface onto which the icosphere is deformed, and the map of that surface to the sphere.
 pub(super) struct Ground<'a> {
     tree: TriangleTree,
     surface: &'a Mesh,

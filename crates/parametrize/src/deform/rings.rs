@@ -9,7 +9,7 @@ pub(super) struct Rings {
 }
 
 impl Rings {
-    /// Computes the rings of a closed, consistently wound mesh.
+    /// Lists the neighbours of every vertex of a closed, consistently wound mesh.
     pub(super) fn new(mesh: &Mesh) -> Self {
         // In triangle (v, a, b), b follows a around v.
         let mut pairs: Vec<[u32; 3]> =

@@ -1,4 +1,5 @@
-//! Computes the initial map: colatitude and azimuth of each vertex, harmonic on the graph of the edges.
+//! Computes the initial map: the colatitude and azimuth of each vertex, as harmonic functions on the graph of the
+//! mesh's edges.
 //!
 //! Two distant vertices become the poles. The colatitude theta is 0 at the north pole and pi at the south pole. At
 //! every other vertex theta is the mean of the neighbours' colatitudes. The azimuth phi at a vertex other than the
@@ -76,7 +77,8 @@ impl Rings {
         &self.neighbours[self.starts[vertex] as usize..self.starts[vertex + 1] as usize]
     }
 
-    /// Returns the vertex that is the largest number of edges away from `from`; in case of ties, the first such vertex.
+    /// Returns the vertex that is the largest number of edges away from `from`; if several vertices are equally far
+    /// away, the first of them.
     fn furthest(&self, from: usize) -> usize {
         let mut distance = vec![usize::MAX; self.len()];
         distance[from] = 0;
@@ -175,12 +177,12 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     }
 }
 
-/// Solves a symmetric linear system. The matrix is a list of entries `([row, column], value)`; entries at the same
-/// place are summed.
+/// Solves a symmetric linear system. The matrix is a list of entries `([row, column], value)`; entries with the same
+/// row and column are summed.
 fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, ParametrizeError> {
     // These systems are always solvable, so an error here is a bug in this program.
     let failed = |found: &str| ParametrizeError::Argument {
-        what: "linear system of the method equal-area",
+        what: "linear system of the equal-area method",
         expected: "a positive definite matrix that fits in memory",
         found: found.to_owned(),
     };

@@ -8,11 +8,11 @@
 //! - `optimise`: edges as short as possible, and therefore quadrangles as square as possible, under constraints on
 //!   areas and angles (section 3.2 of the paper).
 //!
-//! If voxels aren't cubes, this method goes beyond the paper. Each quadrangle's share of the sphere is then its share
-//! of the surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). If the label's surface
-//! was smoothed, the shares and side lengths of the smooth quadrangles are used. Where a label is only one voxel thick,
-//! some smooth quadrangles are so narrow that the optimisation finds no one-to-one map. In this case the shares and
-//! side lengths of the voxels' faces are used.
+//! If voxels aren't cubes, this method goes beyond the paper. Each quadrangle's share of the sphere's area is then its
+//! share of the surface's area in mm^2, and the ratio of its side lengths is taken into account (`targets`). If the
+//! label's surface was smoothed, the shares and side lengths of the smooth quadrangles are used. Where a label is only
+//! one voxel thick, some smooth quadrangles are so narrow that the optimisation finds no one-to-one map. In this case
+//! the shares and side lengths of the voxels' faces are used.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.
@@ -72,7 +72,7 @@ pub fn equal_area(
     mapped(quads, &Targets::of(quads, &quads.vertices), start, params, started, monitor)
 }
 
-/// Optimises a map for given targets, from the positions `start`.
+/// Optimises a map for the given targets, starting from the vertex positions `start`.
 fn mapped(
     quads: &QuadMesh,
     targets: &Targets,
@@ -118,8 +118,8 @@ fn quad_area([a, b, c, d]: [Vec3; 4]) -> f64 {
 }
 
 /// Returns whether to cut a quadrangle along the diagonal from corner 1 to 3 rather than from 0 to 2. The diagonal that
-/// leaves both triangles positively oriented is preferred. If both diagonals or neither of them do so, the shorter
-/// diagonal is chosen.
+/// leaves both triangles positively oriented is preferred. If both diagonals do, or neither does, the shorter diagonal
+/// is chosen.
 fn cut_from_second(positions: &[Vec3], quad: &[u32; 4]) -> bool {
     let [a, b, c, d] = quad.map(|v| positions[v as usize]);
     let good = |triangles: [[Vec3; 3]; 2]| triangles.into_iter().all(|t| orientation(t) > 0.0);

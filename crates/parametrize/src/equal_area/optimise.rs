@@ -38,7 +38,7 @@ use crate::background::abandonable;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
 
-/// A corner is penalised if its scaled determinant s is below this value.
+/// A quadrangle's corner is penalised if its scaled determinant s is below this value.
 const S0: f64 = 0.2;
 /// The weight kappa of the penalty on angles: the initial value, and the maximum, reached only if folds persist.
 const KAPPA: (f64, f64) = (20.0, 1e4);
@@ -46,17 +46,18 @@ const KAPPA: (f64, f64) = (20.0, 1e4);
 const RHO: (f64, f64) = (1.0, 1e3);
 /// Largest number of Gauss-Newton steps per round.
 const STEPS: usize = 5;
-/// With at least this number of vertices, the factorisation runs on its own thread, so that it can be interrupted.
+/// If the surface has at least this number of vertices, the factorisation runs on its own thread, so that it can be
+/// interrupted.
 const LONG: usize = 20_000;
 
 /// Settings of [`equal_area`](crate::equal_area()).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EqualAreaParams {
-    /// Largest relative deviation of a quadrangle's area from its target at which the optimisation counts as converged.
-    /// Default 1e-3.
+    /// The optimisation counts as converged only if the area of every quadrangle deviates from its target by at most
+    /// this fraction. Default 1e-3.
     pub tolerance: f64,
-    /// Largest relative change of the sum of squared edge lengths in a round at which the optimisation counts as
-    /// converged. Default 1e-3.
+    /// The optimisation counts as converged only if the sum of squared edge lengths changes by at most this fraction in
+    /// a round. Default 1e-3.
     pub change: f64,
     /// Largest number of rounds, of up to five steps each. Default 100.
     pub rounds: usize,
@@ -133,7 +134,7 @@ pub(super) fn optimise(
     Ok(Found { positions, steps, converged: false })
 }
 
-/// Moves each vertex along its step, and back onto the sphere.
+/// Returns the positions after each vertex has been moved along its step and projected back onto the sphere.
 fn moved(positions: &[Vec3], step: &[Vec3]) -> Vec<Vec3> {
     positions.iter().zip(step).map(|(&x, &d)| unit(add(x, d))).collect()
 }
@@ -348,7 +349,7 @@ impl<'a> System<'a> {
         }
         entries.extend((0..2 * vertices).map(|i| [i, i]));
         let pattern = SparseSum::new(2 * vertices, &entries).ok_or_else(|| ParametrizeError::Argument {
-            what: "linear system of the method equal-area",
+            what: "linear system of the equal-area method",
             expected: "enough memory for its Cholesky factorisation",
             found: format!("too little memory for {vertices} vertices"),
         })?;

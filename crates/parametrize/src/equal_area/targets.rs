@@ -1,17 +1,20 @@
-//! Computes targets from the physical size of the quadrangles: areas on the sphere, and weights of the edges.
+//! Computes the targets of the equal-area map from the physical size of the quadrangles: their areas on the sphere, and
+//! the weights of their edges.
 //!
 //! A face of a voxel is a rectangle with sides h and h'. The face's target area on the sphere is 4 pi times its share
 //! of the surface's area. The optimisation minimises the sum over edges of w_ij |x_i - x_j|^2. If all faces are squares
-//! and w_ij = 1, this sum is the Dirichlet energy of the map; on rectangles the edge of length h needs the weight h' /
-//! h. With these areas and weights, the map doesn't depend on the direction in which voxels are longest. For cubes all
-//! weights are exactly 1 and all targets exactly 4 pi / Q, with Q the number of quadrangles.
+//! and w_ij = 1, this sum is the Dirichlet energy of the map; on rectangles the sum is the Dirichlet energy if the edge
+//! of length h has the weight h' / h. With these areas and weights, the map doesn't depend on the direction in which
+//! voxels are longest. For cubes all weights are exactly 1 and all targets exactly 4 pi / Q, with Q the number of
+//! quadrangles.
 
 use std::f64::consts::PI;
 
 use crate::geometry::{Vec3, cross, norm, sub};
 use crate::volume::QuadMesh;
 
-/// Relative difference below which sides, or areas, are treated as equal. Voxel sizes in files are rounded to 32 bits.
+/// Relative difference below which two side lengths, or two areas, are treated as equal. Voxel sizes in files are
+/// rounded to 32 bits.
 const EQUAL: f64 = 1e-5;
 
 /// Bounds to which target areas are clamped, relative to the mean area; there is no upper bound. Faces of voxels are

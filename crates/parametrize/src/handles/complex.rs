@@ -1,10 +1,10 @@
-//! Represents a closed surface of polygons by half-edges, and cuts it along loops.
+//! Represents a closed surface of polygons by half-edges, and cuts the surface along loops of edges.
 //!
 //! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, with triangle f on its left. A cut along a loop
-//! of edges gives new vertices to the corners on the loop's left. Each of the two resulting rims is closed by a *cap*:
-//! a polygon with the same number of half-edges as the loop. The complex therefore stays closed, and a cut along a loop
-//! that doesn't separate it lowers its genus by one. Later loops run along edges only, so they never cross a cap.
-//! Triangles and original vertices keep their indices.
+//! of edges gives new vertices, copies of the loop's vertices, to the triangle corners on the loop's left. Each of the
+//! two resulting rims is closed by a *cap*: a polygon with the same number of half-edges as the loop. The complex
+//! therefore stays closed, and a cut along a loop that doesn't separate it lowers its genus by one. Later loops run
+//! along edges only, so they never cross a cap. Triangles and original vertices keep their indices.
 //!
 //! Memory: 36 bytes per half-edge and 44 per vertex. A cut takes time proportional to the number of corners around the
 //! loop.
@@ -13,7 +13,7 @@ use spharm_surface::Mesh;
 
 use crate::geometry::{Vec3, norm, sub};
 
-/// Marks a missing half-edge.
+/// Used in place of a half-edge's index if there is no half-edge.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// The half-edges of a closed, oriented surface.
@@ -55,7 +55,7 @@ pub(super) struct Rims {
 }
 
 impl Complex {
-    /// Builds the complex of a closed, consistently wound manifold.
+    /// Builds the half-edges of a closed, consistently wound manifold.
     pub(super) fn new(mesh: &Mesh) -> Self {
         let faces = mesh.faces.len();
         let half_edges = 3 * faces;
@@ -139,7 +139,7 @@ impl Complex {
         std::iter::successors(Some(start), move |&h| Some(self.next[h as usize]).filter(|&next| next != start))
     }
 
-    /// Returns the original triangles, with the vertices that they have after the cuts.
+    /// Returns the original triangles. After cuts, some of their corners are copies of vertices.
     pub(super) fn own_triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
         self.from[..3 * self.triangles].as_chunks().0.iter().copied()
     }

@@ -1,10 +1,10 @@
 //! Triangulates a disc whose rim has a given number of vertices.
 //!
 //! The disc consists of rings around a centre; each ring has fewer vertices than the next larger ring. Triangles are
-//! nearly equilateral if the rim's edges have nearly equal lengths. A rim of m vertices gives 0.18 m rings and 0.09 m^2
-//! vertices inside. The rim and all rings are regular polygons in the plane, so no triangle of the disc is flat,
-//! however different the lengths of the surface's edges along the rim are. Neighbouring rings are joined in the order
-//! of their angles. No edge inside the disc joins two vertices of the rim.
+//! nearly equilateral if the rim's edges have nearly equal lengths. For a rim of m vertices, the disc has 0.18 m rings
+//! and 0.09 m^2 interior vertices. The rim and all rings are regular polygons in the plane, so no triangle of the disc
+//! is flat, however different the lengths of the surface's edges along the rim are. Neighbouring rings are joined in
+//! the order of their angles. No edge inside the disc joins two vertices of the rim.
 
 use std::f64::consts::{PI, TAU};
 
@@ -46,8 +46,8 @@ impl Disc {
         Self { rim, ring, spacing: 1.0 / rings as f64, points, triangles }
     }
 
-    /// Given values at all vertices, returns for each vertex of the rim the value on the next ring at the same angle,
-    /// by linear interpolation.
+    /// Given values at all vertices, returns for each vertex of the rim the linearly interpolated value at the same
+    /// angle on the next ring.
     pub(super) fn at_ring(&self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let ring = &values[self.rim..self.rim + self.ring];
         let at = |&[x, y]: &[f64; 2]| {

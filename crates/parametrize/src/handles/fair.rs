@@ -1,22 +1,23 @@
-//! Computes the shape of a filling.
+//! Computes the shape of a filling: a surface over a disc that closes one side of a cut.
 //!
-//! Two surfaces x(u) over the unit disc u are computed. The rim of the disc is mapped to the seam.
+//! Two surfaces x(u) are computed, with u a point of the unit disc. The rim of the disc is mapped to the seam, the loop
+//! along which the surface was cut.
 //!
 //! - *flat*: Laplace(x) = 0 with the seam as boundary values: a soap film, up to its parameterisation. The flat surface
 //!   determines on which side of the surface the film over the seam lies, and the lengths s = |dx/dn| along the rim,
 //!   with n the inward normal of the rim in the disc.
 //! - *smooth*: least integral of |grad Laplace(x)|^2, hence Laplace^3(x) = 0. x and its first two derivatives are
-//!   prescribed along the rim, by two rings of points of the surface on the other side of the seam, at distances from
-//!   the rim that are given by s. The filling therefore continues the surface with its tangents and curvatures, and
-//!   closes as a dome. For a tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6
-//!   rho^2 + rho^4) / 8, with rho = |u|.
+//!   prescribed along the rim, by two rings of points that lie on the surface beyond the seam, at distances from the
+//!   rim that are given by s. The filling therefore continues the surface with its tangents and curvatures, and closes
+//!   as a dome. For a tube of radius 1 the dome has radius rho (15 - 10 rho^2 + 3 rho^4) / 8 and height (5 - 6 rho^2 +
+//!   rho^4) / 8, with rho = |u|.
 //!
 //! The error of a model of degree L decreases only as 1/L at a kink. A kink at the seam would therefore increase the
 //! error far more than the dome's additional area does. The dome of each side of the cut lies inside the tube of the
 //! other side, and the two domes meet only at the seam.
 //!
-//! The discretisation uses the cotangents of the disc's own triangles, since the disc's triangles are well shaped,
-//! unlike the surface's (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998;
+//! The discretisation uses the cotangents of the disc's own triangles, since these triangles are well shaped, unlike
+//! those of the surface (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998;
 //! M. Botsch and L. Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). The linear
 //! systems are solved by sparse Cholesky factorisation in O(n^1.5) flops for n vertices.
 
@@ -104,8 +105,8 @@ impl<'a> Fairing<'a> {
     }
 }
 
-/// For each edge among the first `count` vertices, returns the edge's weight and the difference of the Laplacians at
-/// its ends, as a list of (vertex, coefficient).
+/// Returns, for each edge that joins two of the first `count` vertices, its weight, and the difference of the
+/// Laplacians at its ends as a list of (vertex, coefficient).
 fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl Iterator<Item = (f64, Vec<(u32, f64)>)> {
     let edges = (0..count).flat_map(move |v| {
         let others = weights[v].iter().copied();
@@ -123,7 +124,7 @@ fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl I
     })
 }
 
-/// Returns the coefficients of the Laplacian at a vertex: the neighbours' coefficients, then the vertex's own.
+/// Returns the coefficients of the Laplacian at a vertex: those of the neighbours, then the vertex's own.
 fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
     let own: f64 = weights[v].iter().map(|(_, w)| w).sum();
     weights[v].iter().copied().chain(std::iter::once((v as u32, -own)))

@@ -1,4 +1,4 @@
-//! Fills the holes on both sides of a cut.
+//! Fills the two holes that a cut opens, one on each side.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::nearest::TriangleTree;
@@ -12,7 +12,7 @@ use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 /// loops of edges zigzag.
 const SWEEPS: usize = 2;
 
-/// The rim of a cut or a hole: one loop. A cut has separate vertices for the two sides of the loop.
+/// The rim of a cut or of a hole, a closed loop of edges. A cut has separate vertices for the two sides of the loop.
 pub(super) struct Rim<'a> {
     /// Vertices on the right of the loop, in the loop's order.
     pub(super) right: &'a [u32],
@@ -42,7 +42,8 @@ pub(super) struct Filling {
 }
 
 impl Rim<'_> {
-    /// Fills the sides that have vertices; the indices of new vertices start at `first`.
+    /// Fills the right side and, unless the rim belongs to a hole, also the left side. The indices of new vertices
+    /// start at `first`.
     pub(super) fn fill(&self, first: u32, monitor: &dyn Monitor) -> Result<Filling, Interrupted> {
         let count = self.places.len();
         let lengths: Vec<f64> = (0..count).map(|i| norm(sub(self.places[(i + 1) % count], self.places[i]))).collect();
@@ -93,8 +94,8 @@ impl Rim<'_> {
         beyond
     }
 
-    /// Returns two rings of points of the surface, at one and two `steps` from the loop: on the loop's right if `sign`
-    /// is 1, on its left if -1.
+    /// Returns two rings of points on the surface, one and two steps away from the loop (`steps` contains the step at
+    /// each vertex): on the loop's right if `sign` is 1, on its left if -1.
     fn outside(&self, beyond: &[Vec3], steps: &[f64], sign: f64) -> Vec<Vec3> {
         let ring = |number: f64| {
             let points = self.places.iter().zip(beyond).zip(steps);

@@ -1,4 +1,4 @@
-//! Fills holes of a mesh with surfaces of least bending, like the surfaces that fill the cuts of handles.
+//! Fills holes in a mesh with surfaces of least bending, like those that close the cuts through handles.
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,7 +12,8 @@ use super::filling::Rim;
 use super::strip::triangulated;
 use crate::geometry::{Vec3, area};
 
-/// Largest number of edges of a hole that [`fill_holes`] fills. The filling of such a hole has 22,500 vertices.
+/// Largest number of edges of a hole that [`fill_holes`] fills. The filling of a hole with this number of edges has
+/// 22,500 vertices.
 pub const LARGEST_HOLE: usize = 500;
 
 /// A hole is filled by the triangulation of its rim if the area of the smooth filling exceeds this multiple of the
@@ -20,9 +21,9 @@ pub const LARGEST_HOLE: usize = 500;
 /// be much larger, because it folds over the surface next to the slit or bridges the slit's bends.
 const LARGEST_DOME: f64 = 3.0;
 
-/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left. If the mesh is then closed and wound
-/// inwards, its triangles are reversed. The changes are added to `found`, the repair's report. Returns the [`rims`] of
-/// the larger holes, which stay open. The triangles around each vertex of the mesh must form a single fan.
+/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left in a mesh. If the mesh is then closed and
+/// wound inwards, its triangles are reversed. The changes are added to `found`, the repair's report. Returns the
+/// [`rims`] of the larger holes, which stay open. The triangles around each vertex of the mesh must form a single fan.
 ///
 /// # Errors
 ///
@@ -84,8 +85,8 @@ mod tests {
     use spharm_surface::repair::repair;
     use spharm_surface::topology::Topology;
 
-    /// If a cap is removed from a ball, the surface that fills the hole continues the ball, so it is much nearer to the
-    /// ball than a flat lid would be.
+    /// If a cap is removed from a ball, the surface that fills the hole continues the ball, so this surface is much
+    /// nearer to the ball than a flat lid would be.
     #[test]
     fn a_cap_of_a_ball_is_filled_round() {
         let mut open = icosphere(4);

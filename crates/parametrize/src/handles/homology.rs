@@ -1,20 +1,21 @@
-//! Computes the greedy system of loops, and the homology class of every half-edge.
+//! Computes short loops that generate the homology of a closed surface (the greedy system of loops), and a number for
+//! each half-edge such that the sum along a closed path identifies the path's homology class.
 //!
-//! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA (2005). T
-//! is the tree of shortest paths from a base point, and d(v) is the distance of vertex v from the base point. The
-//! weight of an edge e = ab outside T is d(a) + |e| + d(b), the length of the shortest loop through the base point and
-//! e. C is the maximum spanning tree of the dual graph among the edges outside T. On a surface of genus g, 2 g edges
-//! belong to neither T nor C. The loops of these edges generate the homology, and are the shortest loops through the
-//! base point that generate it. The algorithm takes O(n log n) time.
+//! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA (2005).
+//! In the following, T is the tree of shortest paths from a base point, and d(v) is the distance of vertex v from the
+//! base point. The weight of an edge e = ab outside T is d(a) + |e| + d(b), the length of the shortest loop through the
+//! base point and e. C is the maximum spanning tree of the dual graph among the edges outside T. On a surface of genus
+//! g, 2 g edges belong to neither T nor C. The loops of these edges generate the homology, and are the shortest loops
+//! through the base point that generate it. The algorithm takes O(n log n) time.
 //!
 //! A closed path that visits no vertex twice separates the surface if and only if it is homologous to zero (orientable
 //! surfaces, integer coefficients). To test this, each edge i in neither T nor C is assigned a number r_i, and each
-//! edge of T zero. The edges of C are assigned numbers from the leaves of C to its root, such that the numbers around
-//! each face sum to zero. The numbers along a closed path of class (k_1, ..., k_2g) then sum to k_1 r_1 + ... + k_2g
-//! r_2g. The r_i are random 64-bit numbers and sums are modulo 2^64. A sum of zero therefore means class zero, except
-//! with a probability of about 2^-64, and a class takes 8 bytes per edge instead of 2 g numbers. A nonzero sum proves
-//! that the path doesn't separate the surface, so an unlucky choice of numbers never causes a wrong cut. Such a choice
-//! could only cause the search to miss a loop.
+//! edge of T the number zero. The edges of C are assigned numbers from the leaves of C to its root, such that the
+//! numbers around each face sum to zero. The numbers along a closed path of class (k_1, ..., k_2g) then sum to the sum
+//! of the products k_i r_i. The r_i are random 64-bit numbers and sums are modulo 2^64. A sum of zero therefore means
+//! class zero, except with a probability of about 2^-64, and a class takes 8 bytes per edge instead of 2 g numbers. A
+//! nonzero sum proves that the path doesn't separate the surface, so an unlucky choice of numbers never causes a wrong
+//! cut. Such a choice could only cause the search to miss a loop.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -33,7 +34,7 @@ pub(super) struct Homology {
     pub(super) generators: Vec<u32>,
 }
 
-/// The set that an edge belongs to.
+/// The set that an edge of the complex belongs to.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     /// The tree of shortest paths, T.
@@ -88,8 +89,8 @@ impl Homology {
     }
 }
 
-/// Runs Dijkstra's algorithm from `base`. Returns the distance of each vertex, and the last half-edge of the shortest
-/// path to it.
+/// Runs Dijkstra's algorithm from the vertex `base`. Returns, for each vertex, its distance from `base` and the last
+/// half-edge of the shortest path to it.
 fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     let mut distance = vec![f64::INFINITY; complex.vertices()];
     let mut arriving = vec![NONE; complex.vertices()];
@@ -113,7 +114,7 @@ fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
 }
 
 /// Returns the numbers assigned to the half-edges: zero on the tree of paths, and random numbers on generators. The
-/// numbers on the dual tree are chosen such that the numbers of each face sum to zero.
+/// numbers on the dual tree are chosen such that the numbers around each face sum to zero.
 fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     let mut class = vec![0_u64; place.len()];
     for (&h, i) in generators.iter().zip(1_u64..) {

@@ -2,8 +2,9 @@
 //!
 //! A surface of genus g > 0 has no one-to-one map to the sphere. If such a surface is cut along g loops that together
 //! don't separate it, it becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The
-//! given vertices and triangles are kept, in their order. The given surface can therefore be recovered from a model of
-//! the cut surface: by dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
+//! vertices and triangles of the given surface are kept, in the same order. The given surface can therefore be
+//! recovered from a model of the cut surface: by dropping the fillings and welding the copies of vertices along the
+//! seam ([`Seam`]).
 //!
 //! - `rounds`, using `homology` and `search`: chooses the loops to cut. Each handle has loops around it and loops
 //!   through it; the shortest of these loops is cut.
@@ -95,7 +96,8 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // The topology is checked, because a surface with a wrong topology would give a wrong model without any error.
+    // The topology of the result is checked, because a surface with a wrong topology would lead to a wrong model
+    // without any error message.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));
@@ -117,7 +119,7 @@ fn left_over(problems: String) -> ParametrizeError {
     ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None }
 }
 
-/// Returns the fillings of all cuts. In each filling, the indices of new vertices start at the complex's number of
+/// Returns the fillings of all cuts. In each filling, the new vertices are numbered from the complex's number of
 /// vertices.
 fn fillings(
     complex: &Complex,

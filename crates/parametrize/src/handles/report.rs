@@ -1,4 +1,4 @@
-//! Reports on the cuts of handles.
+//! Defines the result of cutting handles: the cut surface, and a report on the cuts.
 
 use serde::Serialize;
 use spharm_surface::{Mesh, Seam};
@@ -9,10 +9,10 @@ use spharm_surface::{Mesh, Seam};
 pub struct CutSurface {
     /// The cut surface. Its vertices are the vertices of the given surface in their order, then the copies along the
     /// seams, then the vertices of the fillings. Its triangles are the triangles of the given surface in their order,
-    /// then the triangles of the fillings; on one side of each seam, the triangles of the given surface have copies as
-    /// corners.
+    /// then the triangles of the fillings; on one side of each seam, the corners of the given triangles are replaced by
+    /// the copies.
     pub surface: Mesh,
-    /// Relation of the cut surface to the given surface; `None` if the given surface had no handle.
+    /// The seam, which relates the cut surface to the given surface; `None` if the given surface had no handle.
     pub seam: Option<Seam>,
     /// Report on the cuts.
     pub report: HandlesReport,
@@ -29,7 +29,7 @@ impl CutSurface {
     }
 }
 
-/// The cuts made, and the area and vertices added.
+/// Report on the cuts: the loops, and the area and the vertices that were added.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct HandlesReport {
@@ -67,8 +67,8 @@ pub struct CutLoop {
 /// Fan and Y. Wang, "An efficient computation of handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
 /// In the paper the kind is a property of the loop's homology class, computed from a graph. Here the kind is determined
-/// by the side towards which the film leaves the surface, on average. Both definitions agree if the film stays on one
-/// side of the surface.
+/// by the side of the surface on which the film starts at the loop, on average. Both definitions agree if the film
+/// stays on one side of the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {

@@ -1,4 +1,4 @@
-//! Chooses the loops to cut.
+//! Chooses the loops along which a surface with handles is cut.
 //!
 //! Loops are cut in rounds until the genus is zero. A round computes the generators of the current complex and, near
 //! each generator, a loop that can't be replaced by a shorter one (see `search`). The loops are considered in order of
@@ -7,14 +7,14 @@
 //! nodes are the pieces into which these loops would cut the surface. A spanning tree of this graph, made of the
 //! longest loops, is left uncut, so that the surface stays connected. The shortest loop is always cut.
 //!
-//! Guarantee: a cut loop is at least as short as every loop along edges that passes through one of eight points of the
-//! cut loop and doesn't separate the surface of that round. In practice the shortest of all loops is found if one of
-//! the searches reaches it. To be certain, a search from every vertex would be needed (Erickson and Har-Peled 2004),
-//! which takes n times as long.
+//! Guarantee: a cut loop is at least as short as every loop of edges that passes through any of eight vertices spread
+//! evenly along the cut loop and doesn't separate the surface as it is in that round. In practice the shortest of all
+//! loops is found if one of the searches reaches it. To be certain, a search from every vertex would be needed
+//! (Erickson and Har-Peled 2004), which takes n times as long.
 //!
-//! Cost: a round takes O(n log n) for the generators. For each generator the round searches the surface a few times,
-//! within half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case, if all
-//! loops meet, each round cuts one handle.
+//! Cost: a round takes O(n log n) for the generators. For each generator, a few searches are made, each limited to the
+//! vertices within half a loop's length. Hundreds of small handles are cut in two or three rounds. In the worst case,
+//! if all loops meet, each round cuts one handle.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
@@ -30,8 +30,8 @@ pub(super) struct Cut {
     pub(super) rims: Rims,
 }
 
-/// Returns disjoint loops, shortest first, that together don't separate the complex; at least one if the complex has a
-/// handle.
+/// Returns disjoint loops, shortest first, that can all be cut without separating the complex. If the complex has a
+/// handle, there is at least one such loop.
 pub(super) fn round(complex: &Complex, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let base = (0..complex.vertices() as u32).find(|&v| complex.around(v).next().is_some()).unwrap_or(0);
     let homology = Homology::of(complex, base);

@@ -1,9 +1,10 @@
 //! Searches for the shortest loop that passes through a given vertex and doesn't separate the surface.
 //!
-//! The search runs Dijkstra's algorithm from the vertex v, which gives the distance d(w) of each vertex w from v. A
-//! shortest loop through v in its homology class consists of two shortest paths and an edge ab between their ends. The
-//! loop's length d(a) + |ab| + d(b) is at least twice the larger of d(a) and d(b). The search therefore ends when twice
-//! the distance reaches the length of the shortest loop found, and visits only the vertices within half that length.
+//! The search runs Dijkstra's algorithm from the vertex v, which gives the distance d(w) of each vertex w from v. The
+//! shortest loop through v in a homology class consists of two shortest paths from v and an edge ab that joins their
+//! ends. The loop's length d(a) + |ab| + d(b) is at least twice the larger of d(a) and d(b). The search therefore ends
+//! when twice the distance reaches the length of the shortest loop found, and visits only the vertices within half that
+//! length.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -11,10 +12,10 @@ use std::collections::BinaryHeap;
 use super::complex::{Complex, Loop, NONE};
 use super::homology::Homology;
 
-/// Number of vertices, spread evenly along a loop, through which shorter loops are searched for.
+/// Number of vertices, spread evenly along a loop, from which shorter loops are searched for.
 const POINTS: usize = 8;
 
-/// Working memory, 21 bytes per vertex. Only the entries touched by the last search are cleared.
+/// Working memory, 21 bytes per vertex. Before a new search, only the entries that the last search changed are cleared.
 pub(super) struct Search {
     distance: Vec<f64>,
     /// For each vertex, the sum of the half-edges' numbers (see `homology`) along the shortest path to it.
@@ -60,7 +61,8 @@ impl Search {
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
-        // The tolerance prevents the same loop from being found again with a length that is smaller only by rounding.
+        // The tolerance prevents the same loop from being found again with a length that is smaller only because of
+        // rounding.
         let mut best = limit * (1.0 - 1e-12);
         let mut closing = NONE;
         while let Some(Reverse((bits, vertex))) = self.queue.pop() {

@@ -1,4 +1,5 @@
-//! Triangulates a rim without new vertices, with short interior edges. Along a slit, this gives a strip of triangles.
+//! Triangulates the rim of a hole without new vertices and with short interior edges. If the hole is a slit, the
+//! triangles form a strip.
 
 use spharm_surface::repair::LEAST_AREA;
 

@@ -21,7 +21,7 @@ fn moved(mut p: [Vec3; 3], i: usize, h: f64) -> [Vec3; 3] {
     p
 }
 
-/// Returns a triangle of the surface of a given size, and a stretched, sheared and rotated image of it on the sphere.
+/// Returns a triangle of the given size, and a stretched, sheared and rotated image of this triangle on the sphere.
 fn pair(size: f64) -> (Shape, [Vec3; 3]) {
     let corners = [[0.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.3, 1.1, 0.2]].map(|p| scale(p, size));
     let shape = Shape::new(corners, crate::geometry::area(corners));

@@ -2,8 +2,8 @@
 
 use crate::geometry::{cross, dot};
 
-/// If a given voxel size is a power of ten times the file's size, to within this fraction, it is taken for the same
-/// size in another unit. The tolerance allows for sizes that are rounded to a few digits.
+/// If a given voxel size is a power of ten times the file's size, to within this fraction, it is taken to be the same
+/// size in another unit. The tolerance allows for sizes that were rounded to a few digits.
 const ROUNDING: f64 = 0.01;
 
 /// The rows of a 3 x 4 matrix that maps voxel coordinates (i, j, k) to RAS+ mm.
@@ -20,9 +20,9 @@ impl Affine {
         Self([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]])
     }
 
-    /// Returns the matrix with the same directions and origin, but voxels of the given size. If the size differs from
-    /// the present one only by a power of ten, it is taken to be the same size in another unit, so the origin is also
-    /// converted.
+    /// Returns the matrix with the same directions and origin, but voxels of the given size. If the given size differs
+    /// from the current size only by a power of ten, it is taken to be the same size in another unit, so the origin is
+    /// converted, too.
     pub(super) fn with_voxel_size(&self, size: [f64; 3]) -> Self {
         let lengths = self.voxel_size();
         let factors = [0, 1, 2].map(|axis| size[axis] / lengths[axis]);
@@ -75,7 +75,7 @@ mod tests {
         // The given size may be rounded.
         let found = affine.with_voxel_size([1.004, 0.8, 2.0]).apply([0.0; 3]);
         assert!((found[0] - 12.0).abs() < 1e-12, "{found:?}");
-        // Another size keeps the origin and the directions.
+        // A size that isn't a power of ten times the current size leaves the origin and the directions unchanged.
         let found = affine.with_voxel_size([1.0, 1.0, 2.0]);
         assert_eq!((found.apply([0.0; 3]), found.voxel_size()), (affine.apply([0.0; 3]), [1.0, 1.0, 2.0]));
         assert!(found.0[0][1] < 0.0);

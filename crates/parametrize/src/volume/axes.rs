@@ -1,4 +1,4 @@
-//! Names the order of an array's axes.
+//! Represents the order of an array's axes, and its name in arguments and provenance.
 
 use crate::error::ParametrizeError;
 

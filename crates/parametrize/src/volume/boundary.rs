@@ -1,10 +1,10 @@
-//! Builds the closed surface of quadrangles between the voxels inside and outside a mask.
+//! Builds the closed surface of quadrangles that separates the voxels inside a mask from those outside.
 //!
-//! Each face between a voxel inside and a voxel outside is a quadrangle, wound outwards. If two diagonally adjacent
-//! voxels share only an edge, four quadrangles meet at the edge, two from each voxel. The two from the same voxel are
-//! treated as neighbours, so that the surface passes between the voxels. A vertex belongs to one fan of neighbouring
-//! quadrangles around a corner of the lattice; if two parts of the surface touch at a corner, there are two vertices at
-//! the corner. Every edge therefore has exactly two quadrangles, and every vertex one fan.
+//! Each face that a voxel inside shares with a voxel outside is a quadrangle, wound outwards. If two diagonally
+//! adjacent voxels share only an edge, four quadrangles meet at the edge, two from each voxel. The two from the same
+//! voxel are treated as neighbours, so that the surface passes between the voxels. A vertex belongs to one fan of
+//! neighbouring quadrangles around a corner of the lattice; if two parts of the surface touch at a corner, there are
+//! two vertices at the corner. Every edge therefore belongs to exactly two quadrangles, and every vertex to one fan.
 
 use spharm_surface::Mesh;
 use spharm_surface::geometry::{Vec3, cross, sub};
@@ -20,14 +20,14 @@ pub struct QuadMesh {
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
     /// Positions of the vertices on the smooth surface; `None` without a smooth surface. [`triangles`](Self::triangles)
-    /// uses them.
+    /// uses these positions.
     pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
     pub(crate) twins: Vec<u32>,
 }
 
-/// The position of a quadrangle in voxel coordinates.
+/// The position and orientation of a quadrangle, in voxel coordinates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Face {
     pub(super) centre: Vec3,
@@ -91,14 +91,14 @@ impl QuadMesh {
         self.vertices.len() as i64 - self.twins.len() as i64 / 2 + self.quads.len() as i64
     }
 
-    /// Returns the number of handles: the sum of the genera of all closed surfaces in the mesh.
+    /// Returns the number of handles: the sum of the genera of all closed surfaces of which the mesh consists.
     #[must_use]
     pub fn handles(&self) -> usize {
         let genera = self.components() as i64 - self.euler_characteristic() / 2;
         usize::try_from(genera).unwrap_or(0)
     }
 
-    /// Returns the number of closed surfaces in the mesh.
+    /// Returns the number of closed surfaces of which the mesh consists.
     #[must_use]
     pub fn components(&self) -> usize {
         let mut seen = vec![false; self.quads.len()];
@@ -125,7 +125,7 @@ impl QuadMesh {
     }
 
     /// Returns the number of edges that have the same two vertices as an earlier edge. A mesh of triangles can't
-    /// distinguish two such edges. The mesh would therefore have a single edge of four triangles there, although the
+    /// distinguish two such edges: there, it would have a single edge that belongs to four triangles, although the
     /// surface is closed.
     #[must_use]
     pub fn pinched_edges(&self) -> usize {
@@ -155,7 +155,7 @@ impl QuadMesh {
         }
     }
 
-    /// Returns a mesh of triangles with the given positions.
+    /// Returns a mesh of triangles with the given vertex positions.
     pub(super) fn cut(&self, vertices: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
         let cut = |(q, &[a, b, c, d]): (usize, &[u32; 4])| {
             if from_second(q) { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] }
@@ -164,8 +164,8 @@ impl QuadMesh {
     }
 }
 
-/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. Among a voxel's corners, the
-/// corner with the smallest coordinates has the voxel's own coordinates.
+/// Returns the four lattice corners of a voxel's face, counter-clockwise seen from outside the voxel. Among a voxel's
+/// corners, the corner with the smallest coordinates has the voxel's own coordinates.
 fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     let (axis, high) = (face / 2, face.is_multiple_of(2));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);

@@ -1,14 +1,14 @@
-//! Reasons to doubt the voxel size or the positions of a volume.
+//! Describes reasons to doubt the voxel size of a volume or the positions of its voxels.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use spharm_monitor::number;
 
-/// Largest number of volumes named in a warning.
+/// Largest number of volumes that a warning lists by name.
 const NAMED: usize = 3;
 
-/// A reason to doubt the voxel size or the positions of a volume.
+/// A reason to doubt the voxel size of a volume or the positions of its voxels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum VolumeDoubt {
@@ -24,7 +24,7 @@ pub enum VolumeDoubt {
         /// The voxel size.
         size: [f64; 3],
     },
-    /// A NIfTI header has neither an sform nor a qform.
+    /// The NIfTI header has neither an sform nor a qform (the two descriptions of voxel positions).
     NoForm,
     /// The sform and the qform in a NIfTI header disagree, though they have the same code.
     Apart {
@@ -83,14 +83,14 @@ impl VolumeDoubt {
                  is wrong, correct the header",
                 number(*distance)
             ),
-            Self::UnknownUnit => "the unit of length in the header is unknown, so lengths are taken as mm; correct \
-                                  `space units` or `units` in the header, or give the voxel size"
+            Self::UnknownUnit => "the unit of length in the header is unknown, so lengths are taken to be in mm; \
+                                  correct `space units` or `units` in the header, or give the voxel size"
                 .to_owned(),
         }
     }
 }
 
-/// Doubts about the volumes of a run, merged by kind.
+/// Doubts about all volumes that a run reads, merged by kind.
 #[derive(Clone, Debug, Default)]
 pub struct VolumeDoubts(BTreeMap<u8, (VolumeDoubt, BTreeSet<PathBuf>)>);
 

@@ -1,15 +1,16 @@
-//! Represents bodies in volumes of grey values or probabilities: the voxels whose values reach a level.
+//! Represents bodies in volumes of grey values or probabilities. A body consists of the voxels whose values reach a
+//! given level.
 //!
 //! The values on both sides of the body's surface locate the surface within the voxels:
 //!
-//! - Between the centres of a voxel inside and a neighbour outside, the surface is where linear interpolation of the
-//!   two values gives the level.
-//! - The body's volume is the number of its voxels, corrected by these crossings. It equals the total length inside the
-//!   body of all lines through voxel centres along an axis, averaged over the three axes (Cavalieri's principle). For
-//!   probabilities the volume is the sum of the probabilities near the surface plus the number of voxels farther
-//!   inside. If each voxel's value is the share of the voxel inside the body, this sum is exact. Interpolation
-//!   underestimates small bodies: in an image of resolution sigma, the level set of a ball of radius r lies inside the
-//!   ball, at a depth of `sigma^2 / r`.
+//! - Between the centres of a voxel inside and a neighbour outside, the surface is located where linear interpolation
+//!   of the two values gives the level (a crossing).
+//! - The body's volume is the number of its voxels, corrected by the positions of these crossings. This equals the
+//!   total length, within the body, of all lines through voxel centres along an axis, averaged over the three axes
+//!   (Cavalieri's principle). For probabilities the volume is the sum of the probabilities near the surface plus the
+//!   number of voxels farther inside. If each voxel's value is the share of the voxel inside the body, this sum is
+//!   exact. Interpolation underestimates small bodies: in an image of resolution sigma, the level set of a ball of
+//!   radius r lies `sigma^2 / r` below the surface of the ball.
 
 use std::fmt;
 
@@ -75,11 +76,11 @@ impl fmt::Display for VoxelValues {
     }
 }
 
-/// The values of the voxels in and around a body, as differences from the level.
+/// The values of the voxels in a box around a body, minus the level.
 #[derive(Clone, Debug)]
 pub(super) struct Grey {
     values: Vec<f32>,
-    /// First voxel of the box of values.
+    /// The box's first voxel, in coordinates of the volume.
     low: [usize; 3],
     /// Number of voxels of the box along each axis.
     size: [usize; 3],
@@ -89,7 +90,8 @@ pub(super) struct Grey {
 /// The surface of a body, located by its grey values.
 #[derive(Clone, Debug)]
 pub(crate) struct Located {
-    /// For each quadrangle, its normal axis and the position along it at which the values cross the level.
+    /// For each quadrangle, the axis of its normal, and the position along this axis at which the values cross the
+    /// level.
     pub(super) crossings: Vec<(usize, f64)>,
     /// The body's volume in voxels.
     pub(super) volume: f64,
@@ -155,12 +157,12 @@ impl Grey {
         if crosses { inside / (inside - outside) - 0.5 } else { 0.0 }
     }
 
-    /// Returns the volume of a body of probabilities: the sum of the probabilities of all voxels with a neighbour on
-    /// the other side, plus the number of the other voxels inside. Voxels that a repair has moved to the other side
-    /// contribute 0 if they are now outside, and 1 if inside.
+    /// Returns the volume of a body of probabilities: the sum of the probabilities of all voxels next to the surface
+    /// (with a neighbour on its other side), plus the number of all other voxels inside. Voxels that a repair has moved
+    /// to the other side contribute 0 if they are now outside, and 1 if they are now inside.
     fn expected_volume(&self, mask: &Mask) -> f64 {
         let steps: Vec<isize> = around().map(|d| mask.step(d)).collect();
-        // The box has a rim, so it contains all neighbours of the voxels inside the mask.
+        // The mask's box has a rim of voxels outside, so it contains all neighbours of the voxels inside.
         let mut near = vec![false; mask.inside.len()];
         for index in (0..near.len()).filter(|&index| mask.inside[index]) {
             for next in steps.iter().map(|step| index.wrapping_add_signed(*step)).filter(|&next| !mask.inside[next]) {

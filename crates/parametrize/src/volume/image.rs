@@ -1,4 +1,4 @@
-//! Chooses one image from a file of several channels and times.
+//! Chooses one image from a file with several channels or time points.
 
 use std::path::Path;
 
@@ -14,13 +14,13 @@ pub struct ImageChoice {
 }
 
 impl ImageChoice {
-    /// Returns the indices, from 0, of the chosen channel and time in a file of `channels` channels and `times`
-    /// times.
+    /// Returns the indices, from 0, of the chosen channel and time point in a file with `channels` channels and `times`
+    /// time points.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::SeveralImages`] if there are several channels or times and none is chosen, or if the chosen
-    /// channel or time doesn't exist.
+    /// [`ParametrizeError::SeveralImages`] if there are several channels or time points and none is chosen, or if the
+    /// chosen one doesn't exist.
     pub(super) fn indices(self, path: &Path, channels: usize, times: usize) -> Result<[usize; 2], ParametrizeError> {
         let index = |chosen: Option<usize>, count: usize| match chosen {
             None if count == 1 => Some(0),

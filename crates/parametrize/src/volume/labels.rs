@@ -22,16 +22,16 @@ use crate::error::ParametrizeError;
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     path: PathBuf,
-    /// Matrix from voxel coordinates to mm.
+    /// Matrix that maps voxel coordinates to positions in mm.
     pub affine: Affine,
-    /// The voxel size in the file, if the caller's size contradicts it.
+    /// The voxel size in the file, if the size that the caller gave contradicts it.
     replaced: Option<[f64; 3]>,
-    /// Doubt about the positions in the file.
+    /// Reason to doubt the voxel positions that the file specifies, if any.
     doubt: Option<VolumeDoubt>,
     size: [usize; 3],
     found: Runs,
     extents: BTreeMap<i32, Extent>,
-    /// The values in and around the body, if the file has grey values or probabilities instead of labels.
+    /// The values in and around the body, if the file contains grey values or probabilities instead of labels.
     pub(super) grey: Option<Grey>,
 }
 
@@ -54,7 +54,7 @@ pub struct VolumeReading {
     pub voxel_size: Option<[f64; 3]>,
     /// Meaning of the values. Default: labels.
     pub values: VoxelValues,
-    /// Channel and time to read from a file of several images. Default: the only channel and the only time.
+    /// Channel and time point to read from a file of several images. Default: the only channel and the only time point.
     pub image: ImageChoice,
     /// Order of the axes of a NumPy file. Default: x, y, z, the only order of other formats.
     pub axes: AxisOrder,
@@ -69,10 +69,10 @@ impl LabelVolume {
     /// [`Io`](ParametrizeError::Io) if the operating system can't read the file;
     /// [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on vertices;
     /// [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
-    /// [`SeveralImages`](ParametrizeError::SeveralImages) for a file of several channels or times;
+    /// [`SeveralImages`](ParametrizeError::SeveralImages) for a file of several channels or time points;
     /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
-    /// a file with more than three dimensions that aren't channels or times, a NIfTI file in an invalid unit of length,
-    /// or voxels whose sides differ by a factor of more than 1,000,000;
+    /// a file with more than three dimensions other than channels and time points, a NIfTI file with an invalid unit of
+    /// length, or voxels whose sides differ by a factor of more than 1,000,000;
     /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't 32-bit integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
@@ -124,8 +124,8 @@ impl LabelVolume {
         Self::of(PathBuf::from(IN_MEMORY), Volume { size, affine, voxels, doubt: None }, VoxelValues::Labels)
     }
 
-    /// Returns the body in a volume of grey values or probabilities made in memory, as label 1. `values` has a number
-    /// for each voxel, with x varying fastest.
+    /// Returns a volume made in memory from grey values or probabilities. Its body becomes label 1. `values` has a
+    /// number for each voxel, with x varying fastest.
     ///
     /// # Errors
     ///
@@ -177,9 +177,9 @@ impl LabelVolume {
         self.affine.voxel_size()
     }
 
-    /// Returns doubts about voxel size and positions: the caller's voxel size contradicts the size in the file, the
-    /// sides of a voxel differ by a large factor, a NIfTI header states no positions or contradictory positions, or an
-    /// NRRD header has an unknown unit of length.
+    /// Returns reasons to doubt the voxel size or the positions: the caller's voxel size contradicts the size in the
+    /// file, the sides of a voxel differ by a large factor, a NIfTI header states no positions or contradictory
+    /// positions, or an NRRD header has an unknown unit of length.
     #[must_use]
     pub fn doubts(&self) -> Vec<VolumeDoubt> {
         let size = self.voxel_size();
@@ -188,14 +188,14 @@ impl LabelVolume {
         replaced.into_iter().chain(uneven).chain(self.doubt).collect()
     }
 
-    /// Returns a warning for each of the [`doubts`](Self::doubts), which starts with the path.
+    /// Returns a warning for each of the [`doubts`](Self::doubts). Each warning starts with the path.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         let path = self.path.display();
         self.doubts().iter().map(|doubt| format!("{path}: {}", doubt.text(false))).collect()
     }
 
-    /// Returns each label except 0 (the background), with its number of voxels.
+    /// Returns all labels except 0 (the background), with the number of voxels of each.
     #[must_use]
     pub fn labels(&self) -> BTreeMap<i64, usize> {
         self.extents.iter().map(|(&label, extent)| (i64::from(label), extent.voxels)).collect()
@@ -249,7 +249,7 @@ impl LabelVolume {
         }
     }
 
-    /// Returns a label's voxels, in time proportional to the size of the label's bounding box.
+    /// Returns a label's voxels as a mask. Takes time proportional to the size of the label's bounding box.
     ///
     /// # Errors
     ///
@@ -271,7 +271,7 @@ impl LabelVolume {
     }
 }
 
-/// Lists labels with their numbers of voxels, at most 5, for an error message.
+/// Lists up to 5 labels, with the number of voxels of each, for an error message.
 fn listed(labels: &BTreeMap<i64, usize>) -> String {
     let voxels = |n: usize| if n == 1 { "1 voxel".to_owned() } else { format!("{n} voxels") };
     let mut listed: Vec<String> = labels.iter().take(5).map(|(label, &n)| format!("{label} ({})", voxels(n))).collect();

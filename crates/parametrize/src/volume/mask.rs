@@ -1,14 +1,14 @@
 //! Represents the voxels of one label as a box of booleans.
 
-/// A box of voxels, each inside or outside. A rim of voxels outside, at least one voxel wide, ensures that all
-/// neighbours of a voxel inside are in the box.
+/// A box of voxels, each inside or outside the label. The box has a rim of outside voxels, at least one voxel wide, so
+/// that all neighbours of an inside voxel are in the box.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     /// Number of voxels along x, y, z, including the rim.
     pub size: [usize; 3],
     /// Position of the box in the volume: the volume's coordinates of the box's voxel (0, 0, 0).
     pub origin: [i64; 3],
-    /// Whether each voxel of the box is inside, with x varying fastest.
+    /// Whether each voxel of the box is inside the label, with x varying fastest.
     pub inside: Vec<bool>,
 }
 
@@ -34,7 +34,7 @@ impl Mask {
         Self::of_box(low, high, inside)
     }
 
-    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim. No voxel is marked as inside.
+    /// Returns the box from voxel `low` to voxel `high`, inclusive, plus its rim. All voxels are marked as outside.
     pub(super) fn around(low: [usize; 3], high: [usize; 3]) -> Self {
         let own: [usize; 3] = std::array::from_fn(|k| high[k] - low[k] + 3);
         Self { size: own, origin: low.map(|x| x as i64 - 1), inside: vec![false; own.iter().product()] }
@@ -50,7 +50,7 @@ impl Mask {
         mask
     }
 
-    /// Returns the number of voxels inside.
+    /// Returns the number of voxels inside the label.
     #[must_use]
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|&&inside| inside).count()

@@ -21,7 +21,7 @@ use crate::error::ParametrizeError;
 /// Number of bytes of the header.
 const HEADER: usize = 284;
 
-/// Returns the number of sizes that are 1.
+/// Returns how many of the sizes are 1.
 fn ones(sizes: [i32; 3]) -> usize {
     sizes.iter().filter(|&&n| n == 1).count()
 }
@@ -39,8 +39,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     }
     let dims = [4, 8, 12].map(int);
     // If two sizes are 1, the file has values on the vertices of a surface. In such a file, the third size can exceed
-    // the largest size of a volume, and there are often several frames. Such a file is therefore recognised before
-    // sizes and frames are checked.
+    // the largest size of a volume, and there are often several frames. It must therefore be recognised before sizes
+    // and frames are checked.
     if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
         return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
     }
@@ -72,7 +72,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
     rest.map_err(|error| cut_short(path, &error.to_string()))?;
     let placed = i16::from_be_bytes([header[28], header[29]]) > 0;
-    // If the fields aren't valid, FreeSurfer's defaults apply: coronal slices, voxels of 1 mm.
+    // If the header states that its fields of positions aren't valid, FreeSurfer's defaults apply: coronal slices,
+    // voxels of 1 mm.
     let (sizes, axes, centre) = if placed {
         let axis = |k: usize| [0, 4, 8].map(|i| float(42 + 12 * k + i));
         ([30, 34, 38].map(float), [0, 1, 2].map(axis), [78, 82, 86].map(float))

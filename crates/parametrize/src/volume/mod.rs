@@ -18,21 +18,21 @@
 //!
 //! | module | |
 //! |---|---|
-//! | `labels` | a label volume: its labels, and the mask of each |
-//! | `open`, `source` | opens a file: determines its format, reads its bytes |
+//! | `labels` | a label volume: its labels, and a mask of each label's voxels |
+//! | `open`, `source` | opening of a file, detection of its format, reading of its bytes |
 //! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: values and positions of the voxels |
-//! | `image`, `axes` | the choice of one of several channels and times; the order of an array's axes |
+//! | `image`, `axes` | the choice of a channel and a time point; the order of an array's axes |
 //! | `shaped` | tifffile's description of the axes of a TIFF stack |
 //! | `doubt` | reasons to doubt the voxel size or the positions, for warnings |
-//! | `runs` | stores labels as runs of equal labels, so that background takes no memory |
+//! | `runs` | storage of labels as runs of equal labels, so that background takes no memory |
 //! | `mask` | the voxels of one label, with a rim of background around them |
-//! | `pieces` | connected pieces, and the cavities inside |
-//! | `boundary` | the quadrangles between inside and outside, as a closed surface |
-//! | `surface` | a label's surface: checked, repaired on request |
+//! | `pieces` | connected pieces of a label, and cavities inside it |
+//! | `boundary` | the closed surface of quadrangles between inside and outside |
+//! | `surface` | a label's surface, which is checked and, on request, repaired |
 //! | `grey` | a body in grey values or probabilities, whose surface is located within the voxels |
-//! | `relax` | a label's surface without the voxels' steps |
-//! | `simple` | tests whether a voxel may change sides without changing the topology |
-//! | `repair` | reduces any label to one piece without cavities, handles and bare contacts |
+//! | `relax` | a label's smooth surface, without the voxels' steps |
+//! | `simple` | tests whether moving a voxel inside or outside preserves the topology |
+//! | `repair` | repair of any label: the result is one piece without cavities, handles or bare contacts |
 //!
 //! # Connectivity
 //!

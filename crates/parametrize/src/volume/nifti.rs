@@ -17,7 +17,8 @@ use crate::geometry::{Vec3, norm, sub};
 /// Number of bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
 /// If the positions given by sform and qform differ by at most this share of the volume's diagonal, the difference is
-/// attributed to rounding. A quaternion of 32-bit numbers determines the angle of a half turn only to within 7e-4 rad.
+/// attributed to rounding in the header. A quaternion of 32-bit numbers determines the angle of a half turn only to
+/// within 7e-4 rad.
 const ROUNDING: f64 = 1e-3;
 
 /// Parses a file, given as a stream of at most `most` bytes.
@@ -45,7 +46,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     };
     let unit = millimetres(source, header.xyzt_units.into())?;
     let (slope, intercept) = (f64::from(header.scl_slope), f64::from(header.scl_inter));
-    // By the standard, a slope of 0 means that values aren't scaled.
+    // According to the standard, a slope of 0 means that the values aren't scaled.
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
     let layout = Layout {
         size,
@@ -64,7 +65,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     // Skips extensions between the header and the values.
     skip(source, &mut stream, offset - HEADER as u64)?;
     let voxels = layout.read(source, &mut stream)?;
-    // Read to the end of the compressed stream, so that its checksum is verified. Other data may follow the voxels'
+    // Reads to the end of the compressed stream, so that its checksum is verified. Other data may follow the voxels'
     // values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let forms = Forms::of(&header);
@@ -75,8 +76,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     Ok(Volume { size, affine, voxels, doubt })
 }
 
-/// Returns the number of images that are stored before the image to be read. `dimensions` has the number of values
-/// along each axis: x, y, z, time, channel.
+/// Returns the number of images that precede the image to be read in the file. `dimensions` contains the number of
+/// values along each axis: x, y, z, time, channel.
 pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, ParametrizeError> {
     let count =
         |axis: usize| usize::try_from(dimensions.get(axis).copied().unwrap_or(1)).ok().filter(|count| *count > 0);
@@ -91,7 +92,7 @@ pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, Para
     Ok((channel as u64).saturating_mul(times as u64).saturating_add(time as u64))
 }
 
-/// Returns the number of millimetres in the unit of length, which is in bits 0 to 2 of the field `xyzt_units`.
+/// Returns the length in mm of the header's unit of length, which is stored in bits 0 to 2 of the field `xyzt_units`.
 pub(super) fn millimetres(source: &Source<'_>, xyzt_units: i32) -> Result<f64, ParametrizeError> {
     match xyzt_units & 7 {
         // Most files without a unit are in mm.
@@ -111,8 +112,8 @@ pub(super) struct Forms {
     pub(super) sform: Option<[[f64; 4]; 3]>,
     /// Quaternion (b, c, d) and offset of the qform, if the qform code is above 0.
     pub(super) qform: Option<([f64; 3], [f64; 3])>,
-    /// Codes of the sform and the qform, which state the spaces of the positions: 1 for a scanner, 4 for MNI, and so
-    /// on.
+    /// Codes of the sform and the qform, which state the coordinate systems of the positions: 1 for scanner
+    /// coordinates, 4 for MNI coordinates, and so on.
     pub(super) codes: [i32; 2],
     /// Sizes of a voxel along the three axes.
     pub(super) sizes: [f64; 3],

@@ -1,9 +1,9 @@
-//! Reads NIfTI-2 files, which are NIfTI-1 with 64-bit sizes (<https://nifti.nimh.nih.gov/pub/dist/doc/nifti2.h>).
+//! Reads NIfTI-2 files, a variant of NIfTI-1 with 64-bit sizes (<https://nifti.nimh.nih.gov/pub/dist/doc/nifti2.h>).
 //!
 //! | bytes | field |
 //! |---|---|
 //! | 0, i32 | size of the header, 540 |
-//! | 4, 8 bytes | `n+2\0` and line breaks in four variants |
+//! | 4, 8 bytes | `n+2\0`, then line breaks in four variants |
 //! | 12, i16 | type |
 //! | 16, 8 x i64 | number of dimensions, sizes |
 //! | 104, 8 x f64 | handedness, voxel sizes |

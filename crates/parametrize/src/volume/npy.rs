@@ -1,5 +1,5 @@
 //! Reads NumPy arrays (`.npy`) with three axes of numbers or booleans. The first axis is x, unless the caller gives the
-//! order z, y, x. The file has no voxel size, so the caller must give it.
+//! order z, y, x. The format doesn't record the voxel size, so the caller must give it.
 
 use std::io::Read;
 

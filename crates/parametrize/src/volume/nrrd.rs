@@ -17,7 +17,7 @@ use super::tiff::micrometres;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
-/// Largest accepted number of bytes of a header. Real headers are far shorter.
+/// Largest accepted number of bytes of a header. Real headers are much shorter.
 const LONGEST_HEADER: usize = 1 << 20;
 
 /// The fields of a header, by name in lower case.
@@ -71,7 +71,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         Some("little") => true,
         Some("big") => false,
         None if scalar.size() == 1 => true,
-        other => return Err(source.wrong("endian: little or big", other.unwrap_or("none").to_owned())),
+        other => return Err(source.wrong("the field endian: little or big", other.unwrap_or("none").to_owned())),
     };
     let layout = Layout { size, scalar, little_endian, scaling: None };
     let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
@@ -101,7 +101,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     Ok(Volume { size, affine, voxels, doubt })
 }
 
-/// Reads the data file named in a header. The file must be in the header's folder or below.
+/// Reads the data file that a header names. This file must be in the header's folder or in a subfolder.
 fn beside(source: &Source<'_>, name: &str) -> Result<Vec<u8>, ParametrizeError> {
     let path = Path::new(name);
     let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
@@ -128,15 +128,15 @@ fn scalar(kind: &str) -> Option<Scalar> {
     })
 }
 
-/// Returns for each axis the number of mm in its unit, from the field `name`; 1 if the field is missing. For an unknown
-/// unit, also returns a doubt to report, unless the caller gave the voxel size.
+/// Returns, for each axis, the length in mm of the unit given in the field `name`; 1 if the field is missing. If the
+/// unit is unknown, also returns a doubt to be reported, unless the caller gave the voxel size.
 fn units(source: &Source<'_>, header: &Header<'_>, name: &str) -> ([f64; 3], Option<VolumeDoubt>) {
     let Some(text) = header.get(name) else { return ([1.0; 3], None) };
     let unit = |unit: &str| match unit.trim() {
         "" | "MM" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Some(1.0),
         unit => micrometres(unit).map(|length| length / 1e3),
     };
-    // Each unit is in quotation marks, which some programs leave out.
+    // By the standard, each unit is in quotation marks, but some programs leave these out.
     let found: Option<Vec<f64>> = match text.contains('"') {
         true => text.split('"').skip(1).step_by(2).map(unit).collect(),
         false => text.split_whitespace().map(unit).collect(),

@@ -14,7 +14,7 @@ use crate::error::ParametrizeError;
 /// File name extensions of volumes.
 const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr", ".tif", ".tiff", ".npy", ".npy.gz"];
 
-/// Returns whether a path has the file name extension of a volume's format: NIfTI, FreeSurfer, NRRD, TIFF or NumPy.
+/// Returns whether a path has the file name extension of a format for volumes: NIfTI, FreeSurfer, NRRD, TIFF or NumPy.
 ///
 /// FreeSurfer also stores values on the vertices of a surface in `.mgh` and `.mgz` files. Only the sizes in the file
 /// distinguish such values from volumes; [`LabelVolume::read`](super::LabelVolume::read) rejects such files.
@@ -24,8 +24,8 @@ pub fn is_volume(path: &Path) -> bool {
     ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Reads a volume in the format indicated by the file's first bytes. Also returns the file's voxel size if the caller's
-/// size replaces it.
+/// Reads a volume in the format indicated by the file's first bytes. Also returns the voxel size in the file if the
+/// size that the caller gave replaces it.
 pub(super) fn read(source: &Source<'_>) -> Result<(Volume, Option<[f64; 3]>), ParametrizeError> {
     let bytes = load(source.path)?;
     let mut volume = if bytes.starts_with(&[0x1f, 0x8b]) {

@@ -4,7 +4,8 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use super::mask::{FACES, Mask, around};
 
-/// Pieces, numbered from 1 in order of decreasing size; pieces of equal size in the order of their first voxels.
+/// Connected pieces, numbered from 1 in order of decreasing size. Pieces of equal size are in the order of their first
+/// voxels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
     /// Number of voxels of each piece.

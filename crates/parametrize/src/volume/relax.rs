@@ -5,25 +5,26 @@
 //! min |L x|^2   with   |x_v - c_v| <= r along each axis,   (L x)_v = x_v - mean of its neighbours
 //! ```
 //!
-//! in voxels, where x_v is the position of vertex v, c_v its lattice corner, and r is half a voxel unless the caller
-//! smooths more. Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson,
-//! "Constrained elastic surface nets", MICCAI 1998, uses the same boxes, but the Laplacian). The problem is solved by
-//! projected gradients with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of
-//! their volume. The lost volume is restored: all vertices move along their normals, within the boxes, until the volume
-//! equals that of the voxels.
+//! All lengths are in voxels. x_v is the position of vertex v on the smooth surface, c_v its original position, a
+//! corner of the lattice, and r is half a voxel unless the caller chooses a larger radius. Minimising |L x|^2 (the
+//! bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson, "Constrained elastic surface nets", MICCAI
+//! 1998, uses the same boxes, but the Laplacian). The problem is solved by projected gradients with Nesterov's
+//! momentum, 60 flops per vertex and step. Minimisation still reduces the volume of small bodies by up to 8 %. The lost
+//! volume is restored: all vertices move along their normals, within the boxes, until the volume equals that of the
+//! voxels.
 //!
-//! If grey values locate the surface ([`grey`](super::grey)), the volume is given by the grey values, and the minimised
-//! function gains the term
+//! If grey values locate the surface ([`grey`](super::grey)), the volume to be restored is that given by the grey
+//! values, and the following term is added to the minimised function:
 //!
 //! ```text
 //! w |C x - b|^2   with   (C x)_q = mean of the four vertices of quadrangle q, along its normal axis
 //! ```
 //!
-//! where b_q is the position at which the values cross the level. Linear interpolation is off by up to a tenth of a
-//! voxel where the surface is oblique, so w is small. The errors of the area were measured on balls and ellipsoids with
-//! radii of 3 to 10 voxels, with the exact share of each voxel as its value. Prescribing the volume reduces the largest
-//! error of the area from 3.9 to 3.3 % (radius 3) and from 2.4 to 1.3 % (radius 5). The weight w = 0.1 reduces this
-//! error further, to 2.4 % (radius 3) and 0.7 % (radius 5); w = 1 gives 3.0 % and 1.8 %.
+//! Here b_q is the position along this axis at which the values cross the level. Linear interpolation is off by up to a
+//! tenth of a voxel where the surface is oblique, so w is small. The errors of the area were measured on balls and
+//! ellipsoids with radii of 3 to 10 voxels, with the exact share of each voxel as its value. Prescribing the volume
+//! reduces the largest error of the area from 3.9 to 3.3 % (radius 3) and from 2.4 to 1.3 % (radius 5). The weight w =
+//! 0.1 reduces this error further, to 2.4 % (radius 3) and 0.7 % (radius 5); w = 1 gives 3.0 % and 1.8 %.
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
@@ -33,16 +34,17 @@ use spharm_surface::topology::signed_volume;
 use super::boundary::QuadMesh;
 use super::grey::Located;
 
-/// Number of gradient steps for boxes of half a voxel. Afterwards vertices are within a hundredth of a voxel of the
-/// minimum. Larger boxes flatten longer waves and get more steps, in proportion to their radius.
+/// Number of gradient steps for boxes with a radius of half a voxel. After these steps, vertices are within a hundredth
+/// of a voxel of their optimal positions. Larger boxes flatten longer waves, so the number of steps is proportional to
+/// the radius.
 const STEPS: f64 = 300.0;
-/// Step length. The step length must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4
+/// Length of a gradient step. It must be below 1/4, since the largest eigenvalue of `L^T L` is about 4, and exactly 4
 /// for symmetric L.
 const STEP: f64 = 0.22;
 /// Largest number of moves along the normals. Each move reduces the missing volume to at most a tenth, unless most
 /// vertices are at the limits of their boxes.
 const MOVES: usize = 8;
-/// The default radius of smooth surfaces, in voxels.
+/// The default radius of the boxes for smooth surfaces, in voxels.
 pub(super) const HALF_A_VOXEL: f64 = 0.5;
 /// Weight w of the term that pulls quadrangles to the positions at which grey values cross the level.
 const WEIGHT: f64 = 0.1;
@@ -50,7 +52,7 @@ const WEIGHT: f64 = 0.1;
 /// A smooth surface is kept only if its volume differs from the required volume by less than this fraction.
 const VOLUME: f64 = 0.01;
 
-/// Constraints on a surface of least bending.
+/// Constraints under which the bending of a surface is minimised.
 #[derive(Clone, Debug)]
 pub(crate) struct Bounds {
     /// Half the width, in voxels, of the boxes in which the vertices stay.
@@ -188,7 +190,7 @@ impl QuadMesh {
     }
 }
 
-/// The neighbours of each vertex: the vertices connected to it by an edge.
+/// For each vertex, its neighbours: the vertices connected to it by an edge.
 struct Rings {
     starts: Vec<usize>,
     near: Vec<u32>,

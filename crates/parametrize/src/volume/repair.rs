@@ -7,8 +7,8 @@
 //! - *cutting*: a ball grows inside the label from the label's innermost voxel, taking the voxels farthest from the
 //!   background first. The ball takes a voxel only if the voxel is simple and this leaves no bare contact. Voxels that
 //!   would close a ring are therefore never taken, which cuts the handle where it is thinnest.
-//! - *filling*: the box around the label shrinks onto the label, removing the voxels farthest from the label first, by
-//!   the same rules. Voxels whose removal would open a ring are kept, which covers the hole with a lid.
+//! - *filling*: the box around the label shrinks onto the label, removing the voxels farthest from the label first,
+//!   under the same conditions. Voxels whose removal would open a ring are kept, which covers the hole with a lid.
 //!
 //! Both ways give a set with the topology of a ball, for any label. The report contains the number of changed voxels.
 //! Cost: O(n log n) for a box of n voxels.
@@ -23,7 +23,7 @@ use super::mask::{Mask, around};
 use super::pieces::{Pieces, cavities, pieces};
 use super::simple::{Around, has_bare_contact, is_simple};
 
-/// The way in which handles and bare contacts were removed.
+/// The way in which a repair removed handles and bare contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HandleRepair {
@@ -86,7 +86,7 @@ impl Repair {
         self.share(self.voxels()) > LARGE
     }
 
-    /// Returns a number of voxels as a share of the label's voxels.
+    /// Returns the given number of voxels as a share of the label's voxels.
     fn share(&self, voxels: usize) -> f64 {
         voxels as f64 / self.voxels_before.max(1) as f64
     }
@@ -128,7 +128,7 @@ impl std::fmt::Display for Repair {
             changes.push(format!("{cavities} filled ({}{})", voxels(self.voxels_filled), share(self.voxels_filled)));
         }
         if self.voxels_changed > 0 {
-            // Without handles, voxels were changed only to remove bare contacts.
+            // If there were no handles, voxels were changed only to remove bare contacts.
             let removed = match self.handles_removed {
                 0 => "contacts at edges or corners".to_owned(),
                 handles => count(handles, "handle", "handles"),
@@ -147,7 +147,7 @@ impl std::fmt::Display for Repair {
     }
 }
 
-/// Repairs a mask: reduces its largest piece to a ball.
+/// Repairs a mask: turns its largest piece into a set of voxels with the topology of a ball.
 ///
 /// # Errors
 ///
@@ -187,7 +187,7 @@ pub(super) fn largest_piece(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask,
     Ok((whole, found, hollow))
 }
 
-/// Returns a ball grown inside the label.
+/// Returns a set of voxels with the topology of a ball, grown inside the label.
 fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, true, monitor)?;
     let mut ball = Mask { inside: vec![false; label.inside.len()], ..label.clone() };
@@ -199,7 +199,7 @@ fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     Ok(ball)
 }
 
-/// Returns a ball made by shrinking the box around the label onto the label.
+/// Returns a set of voxels with the topology of a ball, made by shrinking the box around the label onto the label.
 fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, false, monitor)?;
     let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };
@@ -350,7 +350,7 @@ mod tests {
         assert_eq!(two.to_string(), "the volume was repaired: 1 piece dropped (27 voxels, 50 % of the label)");
         let many = cubes(5).to_string();
         assert!(many.contains("80 % of the label") && many.contains("skimage.measure.label"), "{many}");
-        // A dropped speck isn't a large loss.
+        // A dropped speck of a few voxels isn't a large loss.
         let speck = Mask::new([9; 3], |at| at.iter().all(|&x| x > 2) || at == [0; 3]);
         let (_, repair) = repair(&speck, &Silent).unwrap();
         assert!(

@@ -1,7 +1,7 @@
 //! Stores labels as runs of equal labels, so that background takes no memory.
 //!
 //! Most of a label volume is background, and most neighbouring voxels have the same label. A volume is therefore read
-//! as a stream, of which only the runs of equal labels along x are kept.
+//! as a stream, and only the runs of equal labels along x are stored.
 
 use std::collections::BTreeMap;
 
@@ -33,14 +33,14 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Returns the runs of labels given for every voxel, with x varying fastest.
+    /// Converts labels, given for every voxel with x varying fastest, to runs.
     pub(super) fn of(size: [usize; 3], values: &[i32]) -> Result<Self, NoRoom> {
         let mut builder = Builder::new(size);
         values.iter().try_for_each(|&label| builder.push(label))?;
         builder.finish()
     }
 
-    /// Returns the extent of every label.
+    /// Returns the number of voxels and the bounding box of every label.
     pub(super) fn extents(&self) -> BTreeMap<i32, Extent> {
         let mut extents = BTreeMap::new();
         for run in &self.runs {
@@ -131,7 +131,7 @@ impl Builder {
         self.at
     }
 
-    /// Sets the number of slices, for readers that don't know this number in advance.
+    /// Sets the number of slices. Used by readers of formats that don't state this number in advance.
     pub(super) fn slices(&mut self, count: usize) {
         self.runs.size[2] = count;
     }

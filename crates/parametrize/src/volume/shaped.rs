@@ -2,22 +2,22 @@
 //! its `axes`, such as `{"shape": [3, 12, 40, 40], "axes": "TZYX"}`. A page has the axes Y and X; the pages are in the
 //! order of the other axes, the last of which varies fastest.
 
-/// The images of a file with several channels or times.
+/// How the pages of a file with several channels or time points are divided into images.
 #[derive(Debug, PartialEq)]
 pub(super) struct Images {
-    /// Numbers of slices, channels and times.
+    /// Numbers of slices, channels and time points.
     pub(super) counts: [usize; 3],
     /// Order of the pages: the axes Z, C and T, the fastest-varying axis first.
     pub(super) order: [u8; 3],
 }
 
-/// Returns the images that the description `text` specifies; `None` if the pages are the slices of one image. `page` is
-/// the size of a page.
+/// Returns how the pages are divided into images, according to the description `text`; `None` if the pages are the
+/// slices of one image. `page` is the size of a page.
 ///
 /// # Errors
 ///
 /// A message with the shape, if the shape has more than three dimensions and the names of the axes don't identify the
-/// channels and times.
+/// channels and time points.
 pub(super) fn images(text: &str, page: [usize; 2]) -> Result<Option<Images>, String> {
     let Some(shape) = field(text, "shape").and_then(numbers) else { return Ok(None) };
     let Some(axes) = field(text, "axes").and_then(quoted).filter(|axes| axes.len() == shape.len()) else {

@@ -1,4 +1,4 @@
-//! Tests whether a voxel may change sides without changing the topology.
+//! Tests whether a voxel may be moved from inside a label to outside, or the reverse, without changing the topology.
 //!
 //! A voxel is *simple* if moving it to the other side preserves the topology of both sides (G. Bertrand and G.
 //! Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters 15, 1994). For
@@ -55,7 +55,7 @@ const EIGHTEEN: Around = {
 
 const ALL: Around = ((1 << 27) - 1) & !(1 << CENTRE);
 
-/// Returns `seed` and the voxels of `set` that are connected to it.
+/// Returns the voxels of `seed`, and the voxels of `set` that are connected to them.
 fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     let (mut reached, mut front) = (seed, seed);
     while front != 0 {

@@ -1,4 +1,4 @@
-//! Represents a volume's file, with settings for data that its format may lack.
+//! Represents the file of a volume, with settings that supply data that the file's format may lack.
 
 use std::io::Read;
 use std::path::Path;
@@ -17,21 +17,21 @@ use crate::error::ParametrizeError;
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
-    /// Size of the voxels. The caller gives this size if the format lacks it or the size in the file is wrong.
+    /// Size of the voxels, if the caller gives it because the format lacks it or the size in the file is wrong.
     pub(super) voxel_size: Option<[f64; 3]>,
     /// Meaning of the values.
     pub(super) values: VoxelValues,
-    /// Channel and time to read.
+    /// Channel and time point to read.
     pub(super) image: ImageChoice,
-    /// Order of the axes of an array.
+    /// Order of the axes of a NumPy array.
     pub(super) axes: AxisOrder,
     pub(super) monitor: &'a dyn Monitor,
 }
 
 impl Source<'_> {
-    /// Returns the matrix for a format without positions. `found` is the file's voxel size, or the reason why the file
-    /// has no voxel size. The caller's size replaces a missing or invalid size here; it replaces a valid size after the
-    /// file has been read.
+    /// Returns the matrix from voxel coordinates to mm for a format that doesn't store positions. `found` is the file's
+    /// voxel size, or the reason why the file has no voxel size. The caller's size replaces a missing or invalid size
+    /// here; it replaces a valid size after the file has been read.
     pub(super) fn affine(&self, found: Result<[f64; 3], &'static str>) -> Result<Affine, ParametrizeError> {
         // A negative size is an axis that is stored in the opposite direction.
         let is_valid = |size: [f64; 3]| size.iter().all(|x| x.is_finite() && *x != 0.0);
@@ -49,7 +49,7 @@ impl Source<'_> {
         Ok(affine)
     }
 
-    /// Returns the indices from 0 of the channel and the time to read.
+    /// Returns the indices, from 0, of the channel and the time point to read.
     pub(super) fn image(&self, channels: usize, times: usize) -> Result<[usize; 2], ParametrizeError> {
         self.image.indices(self.path, channels, times)
     }

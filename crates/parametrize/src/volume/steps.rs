@@ -1,4 +1,4 @@
-//! Warns if a model of a label's surface has such a high degree that it reproduces the voxels' steps.
+//! Warns if the degree of a model is so high that the model reproduces the steps between voxels on a label's surface.
 //!
 //! The surface around a label consists of the faces of voxels. On a body of radius r, a model of degree L resolves
 //! lengths of `pi r / L`. If this length is below one and a half voxels, the model follows the steps between voxels,
@@ -18,7 +18,7 @@ const VOXELS: f64 = 1.5;
 /// A label is too small for a shape model if its highest suitable degree is below this value.
 const LOWEST: usize = 4;
 
-/// Warning that a model resolves the voxels of its surface.
+/// Warning that a model resolves the voxels of the surface that it was fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VoxelSteps {
     /// The model's degree, L.
@@ -62,7 +62,7 @@ impl VolumeSurface {
     }
 }
 
-/// Advice on labels that are too small.
+/// Advice given in warnings about labels that are too small.
 const LEAVE_OUT: &str = "`spharm volumes --min-voxels N` leaves out small labels";
 
 impl fmt::Display for VoxelSteps {
@@ -81,8 +81,8 @@ impl fmt::Display for VoxelSteps {
     }
 }
 
-/// Returns the names of the measures that the voxels' steps bias. `small` states whether labels are too small for a
-/// shape model.
+/// Returns the names of the measures that are biased by the voxels' steps. `small` states whether labels are too small
+/// for a shape model.
 fn biased(small: bool) -> &'static str {
     if small { "volume, area and sphericity" } else { "area and sphericity" }
 }
@@ -102,7 +102,7 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     let advice = match (lowest, small) {
         (Some(lowest), 0) => format!("use degrees up to {lowest}"),
         (Some(lowest), _) => {
-            let few = format!("{small} of the labels are too small for a shape model: {LEAVE_OUT}");
+            let few = format!("labels too small for a shape model: {small} ({LEAVE_OUT})");
             format!("{few}; for the others, use degrees up to {lowest}")
         }
         (None, _) => format!("the labels are too small for a shape model: {LEAVE_OUT}"),
@@ -182,6 +182,6 @@ mod tests {
         let both = text(&[small, small]);
         assert!(both.contains("the labels are too small") && !both.contains("degrees up to"), "{both}");
         let mixed = text(&[small, large, large]);
-        assert!(mixed.contains("1 of the labels are too small") && mixed.ends_with("degrees up to 8"), "{mixed}");
+        assert!(mixed.contains("too small for a shape model: 1 (") && mixed.ends_with("degrees up to 8"), "{mixed}");
     }
 }

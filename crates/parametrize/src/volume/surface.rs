@@ -11,16 +11,16 @@ use super::relax::{Bounds, HALF_A_VOXEL};
 use super::repair::{Repair, largest_piece, repair};
 use crate::error::ParametrizeError;
 
-/// Smallest and largest radius of smooth surfaces, in voxels: half the width of the boxes in which vertices may move.
-/// With a smaller radius the voxels' steps would remain. With a larger radius the boxes would contain most of a small
-/// body.
+/// Range of the radius of smooth surfaces, in voxels. The radius is half the width of the boxes in which vertices may
+/// move. With a smaller radius the voxels' steps would remain. With a larger radius the boxes would contain most of a
+/// small body.
 const RADII: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
-/// The kind of surface that represents a label.
+/// The kind of surface by which a label is represented.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LabelSurface {
-    /// The surface of least bending near the voxels' faces, with the voxels' volume, or the volume given by grey
-    /// values. For a label with too few voxels for such a surface, the voxels' faces are used.
+    /// The surface of least bending near the voxels' faces. It encloses the volume of the voxels, or the volume given
+    /// by grey values. For a label with too few voxels for such a surface, the voxels' faces are used.
     Smooth {
         /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels.
         /// Default 0.5, the uncertainty of a label with exact edges; larger values suit labels with inexact edges.
@@ -105,8 +105,8 @@ pub struct VolumeSurface {
     pub voxels: usize,
     /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
-    /// Whether the label touches the border of the volume, and so may be cut off. After a repair, this refers to the
-    /// repaired label.
+    /// Whether the label touches the border of the volume, and so may be cut off. If the label was repaired, this
+    /// refers to the repaired label.
     pub at_border: bool,
     /// The requested kind of surface.
     pub surface: LabelSurface,
@@ -116,8 +116,8 @@ pub struct VolumeSurface {
 
 impl LabelVolume {
     /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within `radius`
-    /// voxels of the steps, with the label's volume. The surface can have any topology. It is intended for uses that
-    /// need no sphere, such as registration. For grey values and probabilities, the surface is that of the largest
+    /// voxels of the voxels' faces, with the label's volume. The surface can have any topology. It is intended for uses
+    /// that need no sphere, such as registration. For grey values and probabilities, the surface is that of the largest
     /// piece, with its cavities filled.
     ///
     /// # Errors
@@ -193,7 +193,7 @@ impl LabelVolume {
 struct Problems {
     /// Phrases that describe the reasons, one each.
     phrases: Vec<String>,
-    /// Number of handles. If it isn't 0, one of `phrases` describes the handles.
+    /// Number of handles. If this number isn't 0, one of `phrases` describes the handles.
     handles: usize,
 }
 
@@ -205,7 +205,7 @@ fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problem
         let sizes: Vec<String> = found.sizes.iter().take(5).map(ToString::to_string).collect();
         let more = if found.sizes.len() > 5 { ", ..." } else { "" };
         let count = found.sizes.len();
-        problems.push(format!("{count} pieces not connected by voxel faces ({}{more} voxels)", sizes.join(", ")));
+        problems.push(format!("{count} pieces not connected by voxel faces (of {}{more} voxels)", sizes.join(", ")));
     }
     let hollow = cavities(mask, monitor)?.sizes;
     if !hollow.is_empty() {

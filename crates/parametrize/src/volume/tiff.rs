@@ -2,8 +2,8 @@
 //!
 //! The crate `tiff` decodes the pages, within a memory limit derived from the file's size. The size of the voxels, in
 //! micrometres, is computed from the description of the first page: from OME-XML's `PhysicalSizeX`, `Y`, `Z`, or from
-//! ImageJ's `spacing` and `unit` and the page's resolution. The channels and times are also in this description, or in
-//! tifffile's. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
+//! ImageJ's `spacing` and `unit` and the page's resolution. The numbers of channels and time points are also taken from
+//! this description, or from tifffile's. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
 
 use std::io::Cursor;
 
@@ -46,7 +46,7 @@ pub(super) fn is_tiff(bytes: &[u8]) -> bool {
 struct Description {
     /// Size of the voxels in micrometres, or a description of the file that states why the size is missing.
     voxel_size: Result<[f64; 3], &'static str>,
-    /// Number of slices, if the description has it.
+    /// Number of slices, if the description states it.
     slices: Option<usize>,
     channels: usize,
     times: usize,
@@ -57,7 +57,7 @@ struct Description {
 }
 
 impl Description {
-    /// The description of a file of one image.
+    /// The description of a file that contains one image.
     const ONE: Self = Self {
         voxel_size: Err("a TIFF file without OME-XML or ImageJ's spacing"),
         slices: None,
@@ -86,7 +86,7 @@ impl Description {
 /// Parses a file.
 pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
     let broken = |error: tiff::TiffError| source.wrong("a TIFF stack", error.to_string());
-    // Upper bound of the decoded size, for Deflate. No other method compresses labels better.
+    // Upper bound on the decoded size, derived from Deflate. No other compression method makes labels smaller.
     let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
     let mut limits = Limits::default();
     let page = usize::try_from(most.min(LARGEST_PAGE)).unwrap_or(usize::MAX);
@@ -124,7 +124,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             continue;
         }
         if decoder.dimensions().map_err(broken)? != (width, height) {
-            let found = format!("a different size in slice {pages} (counted from 0)");
+            let found = format!("slice {pages} (counted from 0) of a different size");
             return Err(source.wrong("slices of equal size", found));
         }
         match decoder.colortype().map_err(broken)? {
@@ -137,7 +137,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         let voxels = (found.len() as u64).saturating_add(plane);
         if voxels > 2 * most {
             return Err(source.wrong(
-                "fewer slices for a file of this size",
+                "at most as many slices as fit in a file of this size",
                 format!("more than {pages} slices in {} bytes; the file may be damaged", bytes.len()),
             ));
         }
@@ -181,8 +181,8 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
     }
 }
 
-/// Parses the description of the first page. If there is no description, returns that of a file of one image. The error
-/// states a shape that has too many dimensions; see [`shaped::images`].
+/// Parses the description of the first page. If there is none, returns the description of a file that contains one
+/// image. The error is a message about a shape with too many dimensions; see [`shaped::images`].
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Result<Description, String> {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
@@ -198,7 +198,7 @@ fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Result<Description, Stri
         let pitches = [pitch(Tag::XResolution), pitch(Tag::YResolution)];
         return Ok(of_imagej(&text, pitches));
     }
-    // Colours are refused later, whatever the shape.
+    // Files with colours are rejected later, regardless of their shape.
     let is_grey = matches!(decoder.colortype(), Ok(ColorType::Gray(_)));
     let (Ok((width, height)), true) = (decoder.dimensions(), text.starts_with('{') && is_grey) else {
         return Ok(Description::ONE);
@@ -279,7 +279,8 @@ fn places_differ(reader: &mut Reader<&[u8]>, description: &Description) -> bool 
     }
 }
 
-/// Parses ImageJ's description, lines of `key=value`. `pitches` are the width and height of a pixel in ImageJ's unit.
+/// Parses ImageJ's description, which consists of lines `key=value`. `pitches` are the width and height of a pixel in
+/// ImageJ's unit.
 fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     let get = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
     let count = |key: &str| get(key).and_then(|n| n.trim().parse::<usize>().ok());

@@ -1,4 +1,4 @@
-//! Reads the values of voxels in a file, and converts them to labels, which are 32-bit integers.
+//! Reads the values of voxels from a file, and converts them to labels, which are 32-bit integers.
 
 use std::io::Read;
 use std::path::Path;
@@ -14,12 +14,13 @@ use super::runs::{Builder, Runs};
 use super::source::{Source, no_room};
 use crate::error::ParametrizeError;
 
-/// A volume from a file: the numbers of voxels along x, y, z, the matrix from voxel coordinates to mm, and the voxels.
+/// A volume from a file: the numbers of voxels along x, y, z, the matrix from voxel coordinates to mm, and the voxels'
+/// values.
 pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
     pub(super) voxels: Voxels,
-    /// Doubt about the matrix.
+    /// Reason to doubt the matrix, if any.
     pub(super) doubt: Option<VolumeDoubt>,
 }
 
@@ -45,13 +46,14 @@ impl Voxels {
     }
 }
 
-/// Converts the values of voxels to labels, one after another, and keeps the values if they aren't labels.
+/// Converts the values of voxels to labels, one after another, and also keeps the values themselves if they are grey
+/// values or probabilities.
 pub(super) struct Collector<'a> {
     path: &'a Path,
     meaning: VoxelValues,
     labels: Builder,
     values: Vec<f32>,
-    /// Smallest and largest value.
+    /// Smallest and largest value added so far.
     range: (f64, f64),
     /// Numbers of voxels outside and inside the body; not counted if the values are labels.
     sides: [usize; 2],
@@ -82,7 +84,7 @@ impl<'a> Collector<'a> {
         self.labels.len()
     }
 
-    /// Sets the number of slices, for readers that don't know this number in advance.
+    /// Sets the number of slices. Used by readers of formats that don't state this number in advance.
     pub(super) fn slices(&mut self, count: usize) {
         self.labels.slices(count);
     }
@@ -157,7 +159,7 @@ fn value_of(scalar: Scalar, raw: [u8; 8]) -> f64 {
     }
 }
 
-/// Reads past a number of bytes.
+/// Skips a number of bytes in the stream.
 pub(super) fn skip(source: &Source<'_>, stream: &mut impl Read, bytes: u64) -> Result<(), ParametrizeError> {
     let mut left = bytes;
     while left > 0 {

@@ -1,6 +1,6 @@
-//! Limits of the number of voxels of a wrap.
+//! Limits on the number of voxels along the longest side of a wrap.
 
-/// Numbers of voxels that [`wrap`](super::wrap()) accepts, along the longest side of a mesh.
+/// Range of the number of voxels along the longest side of a mesh that [`wrap`](super::wrap()) accepts.
 pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
-/// Suitable number of voxels for most meshes, along the longest side of the mesh.
+/// Number of voxels along the longest side of a mesh that suits most meshes.
 pub const USUAL_VOXELS: usize = 128;

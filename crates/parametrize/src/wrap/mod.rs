@@ -1,5 +1,5 @@
-//! Replaces a mesh of any kind by one closed surface around it. The mesh may have overlapping or nested parts, double
-//! walls, holes and self-intersections.
+//! Replaces any mesh, even a defective one, by a single closed surface around it. The mesh may have overlapping or
+//! nested parts, double walls, holes and self-intersections.
 //!
 //! 1. A grid of voxels is laid around the mesh. A voxel is inside if the generalized winding number at its centre is
 //!    above 0.5 (`winding`).
@@ -43,7 +43,7 @@ const MARGIN: usize = 2;
 /// Smoothing moves the wrap by less than this distance.
 const LOST: f64 = 2.0;
 /// Number of bytes per voxel: 1 for the flag that states whether the voxel is inside, 8 for its distance from the mesh,
-/// 17 in the volume, and 37 while the volume is repaired.
+/// 17 for its entry in the volume, and 37 while the volume is repaired.
 const BYTES_PER_VOXEL: u64 = 63;
 
 /// Returns a closed surface of genus zero around a mesh, and a report on the changes. `voxels` is the number of voxels
@@ -66,7 +66,7 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
             found: voxels.to_string(),
         });
     }
-    // Invalid indices and coordinates are errors; other defects are ignored.
+    // Returns an error if indices or coordinates are invalid; other defects are ignored.
     Flaws::of(surface)?;
     let frame = Frame::around(surface, voxels);
     let count = frame.size.iter().map(|&n| n as u64).product::<u64>();
@@ -119,8 +119,8 @@ fn area(samples: &[FarSample]) -> f64 {
     samples.iter().map(|sample| sample.share).sum()
 }
 
-/// Returns the share of a mesh's area that lies outside of its wrap and farther than [`LOST`] from it. `far` are the
-/// mesh's sample points more than a voxel away from the wrap.
+/// Returns the share of a mesh's area that lies outside of its wrap and farther than [`LOST`] from it. `far` contains
+/// the mesh's sample points that are more than a voxel away from the wrap.
 fn lost_area(far: &[FarSample], wrap: &Mesh, monitor: &dyn Monitor) -> Result<f64, Interrupted> {
     /// Number of sample points between checks of the monitor.
     const CHUNK: usize = 256;
@@ -153,7 +153,7 @@ impl Frame {
         let longest = sub(high, low).into_iter().fold(0.0, f64::max);
         let voxel = if longest > 0.0 { longest / voxels as f64 * 2.0 } else { 1.0 };
         let size = sub(high, low).map(|x| (2.0 * (x / voxel)).ceil() as usize + 2 * MARGIN);
-        // Centre the mesh in the grid.
+        // Centres the mesh in the grid.
         let middle = size.map(|n| 0.5 * (n as f64 - 1.0));
         Self { origin: sub(add(low, high), scale(middle, voxel)), voxel, size }
     }

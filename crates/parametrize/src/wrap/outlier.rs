@@ -1,4 +1,5 @@
-//! Refuses a mesh if a small part of it lies so far from the rest that the grid is too coarse for the rest.
+//! Rejects a mesh if a small part of it lies so far from the rest that the voxels of the grid are too coarse for the
+//! rest.
 
 use spharm_surface::Mesh;
 use spharm_surface::repair::bulk;
@@ -58,8 +59,8 @@ fn longest((low, high): (Vec3, Vec3)) -> f64 {
     sub(high, low).into_iter().fold(0.0, f64::max)
 }
 
-/// Returns the lowest and the highest corner of the box that leaves out `left_out` vertices on each side. This number
-/// must be less than half of the number of vertices.
+/// Returns the lowest and the highest corner of the box that leaves out the `left_out` outermost vertices at each end
+/// of each axis. `left_out` must be less than half of the number of vertices.
 fn inner_box(used: &[(usize, Vec3)], left_out: usize) -> (Vec3, Vec3) {
     let sides = [0, 1, 2].map(|axis| {
         let mut values: Vec<f64> = used.iter().map(|(_, v)| v[axis]).collect();

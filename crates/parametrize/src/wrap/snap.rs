@@ -8,7 +8,7 @@ use spharm_surface::nearest::TriangleTree;
 use crate::geometry::{Vec3, dot};
 
 /// A vertex moves onto a triangle only if the cosine of the angle between their normals exceeds this value. A triangle
-/// that faces the other way belongs to the back of the body or to an inner wall.
+/// that faces the opposite way belongs to the far side of the body or to an inner wall.
 const ALIKE: f64 = 0.2;
 /// A move is rejected if it turns a triangle by an angle whose cosine is below this value.
 const STEADY: f64 = 0.3;
@@ -29,7 +29,7 @@ pub(super) fn snap(wrap: &mut Mesh, given: &Mesh, tree: &TriangleTree, reach: f6
     let mut targets: Vec<Option<Vec3>> = wrap.vertices.par_iter().zip(&normals).map(target).collect();
     let before: Vec<Vec3> = wrap.faces.iter().map(|face| face_normal(corners(wrap, face))).collect();
     let place = |targets: &[Option<Vec3>], v: u32| targets[v as usize].unwrap_or(wrap.vertices[v as usize]);
-    // Each round undoes at least one move, so the loop ends.
+    // Each round but the last undoes at least one move, so the loop ends.
     loop {
         let turned = |(face, before): (&[u32; 3], &Vec3)| {
             let now = face_normal(face.map(|v| place(&targets, v)));

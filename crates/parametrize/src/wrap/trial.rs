@@ -10,8 +10,8 @@ use crate::error::ParametrizeError;
 const COARSE: usize = 32;
 /// The trial succeeds only if the pieces that it leaves out have at most this share of the body's voxels.
 const LEFT_OUT: f64 = 0.05;
-/// At most this share of the trial wrap's area may span holes. A wrap with more voxels would have a larger share,
-/// because the parts of a filling within a voxel of the mesh don't count as spanning a hole.
+/// At most this share of the trial wrap's area may span holes. With more voxels, this share would be larger, because
+/// the parts of a filling within a voxel of the mesh don't count as spanning a hole.
 const BRIDGED: f64 = 0.2;
 
 /// Returns whether a wrap with [`USUAL_VOXELS`](super::USUAL_VOXELS) probably keeps all bodies of a mesh and spans no

@@ -3,8 +3,9 @@
 //!
 //! The winding number of a closed surface is 1 inside and 0 outside. The winding number of an open surface is the solid
 //! angle that the surface covers as seen from the point, divided by 4 pi. Near a hole the winding number changes
-//! gradually, and the points of winding number 0.5 continue the surface. Source: Jacobson, Kavan and Sorkine-Hornung,
-//! "Robust inside-outside segmentation using generalized winding numbers", ACM Trans. Graphics 32 (2013), equation 5.
+//! gradually, and the points with the winding number 0.5 form a surface that closes the hole. Source: Jacobson, Kavan
+//! and Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers", ACM Trans. Graphics 32
+//! (2013), equation 5.
 //!
 //! Triangles far from a point are summed up as one dipole: Barill, Dickson, Schmidt, Levin and Jacobson, "Fast winding
 //! numbers for soups and clouds", ACM Trans. Graphics 37 (2018), equation 13. A point near the surface takes O(log n)
@@ -28,12 +29,12 @@ const FAR: f64 = 2.5;
 struct Node {
     /// Mean of the triangles' centroids, weighted by area.
     centre: Vec3,
-    /// Square of the distance beyond which the group is treated as a dipole.
+    /// Square of the distance from `centre` beyond which the group is treated as a dipole.
     far: f64,
     /// Sum of the triangles' normals, whose lengths are the triangles' areas.
     dipole: Vec3,
-    /// Number of nodes of this group and all its subgroups. The next node outside of the group is this many places
-    /// later in the list.
+    /// Number of nodes of this group and all its subgroups. In the list of nodes, the next node outside of the group
+    /// comes this many places later.
     nodes: usize,
     /// Indices of the triangles of this group if the node is a leaf; empty otherwise.
     triangles: std::ops::Range<usize>,
@@ -54,8 +55,8 @@ impl WindingNumbers {
         tree
     }
 
-    /// Adds a node for a group of triangles. A group larger than a leaf is halved along its longest side, and nodes for
-    /// both halves are added, too.
+    /// Adds a node for a group of triangles. If the group is too large for a leaf, it is halved along its longest side,
+    /// and nodes for both halves are added, too.
     fn add(&mut self, range: std::ops::Range<usize>) {
         let own = &mut self.triangles[range.clone()];
         let mut node = Node { centre: [0.0; 3], far: 0.0, dipole: [0.0; 3], nodes: 1, triangles: range.clone() };

@@ -16,21 +16,21 @@ use crate::transform::{SQRT_4_PI, Transform, rmsd};
 /// Result of an alignment with [`Method::Surfaces`](crate::Method::Surfaces).
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// For each start of the refinement, the root mean square distance at equal directions after the refinement. Row 0
-    /// (the position) is excluded.
+    /// Root mean square distance between points at equal directions after the refinement from each start. Row 0 (the
+    /// position) is excluded.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
     /// Distance between the surfaces in the pose found, but at least the sampling error of the evaluated surfaces. The
     /// distance at equal directions is never smaller than the distance between the surfaces. Another pose is therefore
     /// at least as good if its distance at equal directions is at most `bound`.
     pub(super) bound: f64,
-    /// Root mean square distance at equal directions, in the pose found.
+    /// Root mean square distance between the surfaces' points at equal directions, in the pose found.
     pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }
 
 /// Finds the pose of the moving surface on the target, and then the rotation of the parameters that minimises the
-/// distance at equal directions. Returns `None` if one of the surfaces is a point or a line.
+/// distance between points at equal directions. Returns `None` if one of the surfaces is a point or a line.
 pub(super) fn by_surfaces(
     moving: &Coefficients,
     target: &Coefficients,

@@ -22,10 +22,10 @@ pub enum Method {
     /// Finds the pose in space from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to the
     /// sphere, and then searches the rotation of the parameters in that pose. Intended for surfaces that were mapped to
     /// the sphere separately: their distance at equal directions, which is the root mean square of |f(u) - g(u)|, may
-    /// be smallest in a wrong pose. The distance at equal directions is an upper bound of the distance between the
-    /// surfaces. If a joint search of both rotations reduces the distance at equal directions below the distance
-    /// between the surfaces in the pose found, the result of the joint search is used. Copies of one surface then
-    /// coincide to rounding error. Surfaces without area are aligned by [`Method::Joint`].
+    /// be smallest in a wrong pose. The distance at equal directions is never below the distance between the surfaces.
+    /// If a joint search of both rotations reduces the distance at equal directions below the distance between the
+    /// surfaces in the pose found, the result of the joint search is used. Copies of one surface then coincide to
+    /// rounding error. Surfaces without area are aligned by [`Method::Joint`].
     Surfaces,
 }
 
@@ -34,15 +34,15 @@ pub enum Method {
 pub struct AlignParams {
     /// Method of the alignment; by default [`Method::Joint`].
     pub method: Method,
-    /// Highest degree compared; by default the lower of the two surfaces' degrees. All degrees of the moving surface
-    /// are transformed.
+    /// Highest degree up to which the surfaces are compared; by default the lower of the two surfaces' degrees. The
+    /// transform is applied to all degrees of the moving surface.
     pub max_degree: Option<usize>,
     /// Whether the moving surface may be scaled; `false` by default.
     pub scale: bool,
     /// Whether mirror images may be matched; `false` by default.
     pub mirror: bool,
     /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. By default the smaller of 8
-    /// and L + 1, but at least 2.
+    /// and L + 1 for surfaces compared up to degree L, but at least 2.
     pub bandwidth: Option<usize>,
     /// Number of local maxima on the grid of rotations from which the alignment is refined, at least 1; by default 6.
     pub starts: usize,
@@ -99,24 +99,24 @@ pub enum AlignWarning {
     /// The rotation of the parameters is undetermined: in the given pose, rotating the parameters doesn't change the
     /// distance.
     ParametersUndetermined,
-    /// Another pose of the surfaces is nearly as good.
+    /// The surfaces fit each other nearly as well in another pose.
     PoseInDoubt {
         /// Distance between the surfaces in the pose found.
         distance: f64,
         /// Distance between the surfaces in the other pose.
         second: f64,
     },
-    /// The distance at equal directions is much larger than the distance between the surfaces: equal directions don't
-    /// correspond.
+    /// The distance between points at equal directions is much larger than the distance between the surfaces, so equal
+    /// directions don't correspond.
     PlacesDiffer {
-        /// Root mean square distance at equal directions.
+        /// Root mean square distance between the surfaces' points at equal directions.
         rmsd: f64,
         /// Distance between the surfaces in the pose found.
         distance: f64,
     },
     /// The first-order ellipsoid is nearly round, so its frame has little meaning.
     NearlyRound {
-        /// The smallest ratio of neighbouring axes.
+        /// The smallest ratio of an axis to the next shorter axis.
         ratio: f64,
     },
 }
@@ -147,7 +147,7 @@ impl fmt::Display for AlignWarning {
             ),
             Self::PlacesDiffer { rmsd, distance } => write!(
                 f,
-                "the distance at equal directions is {rmsd:.4}, but the distance between the surfaces is \
+                "the distance between points at equal directions is {rmsd:.4}, but between the surfaces it is \
                  {distance:.4}: equal directions don't correspond"
             ),
             Self::MirrorUndetermined => f.write_str("the surfaces are planar: a mirror image can't be detected"),

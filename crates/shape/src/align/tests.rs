@@ -9,8 +9,8 @@ fn aligned(moving: &Coefficients, target: &Coefficients, params: &AlignParams) -
     align(moving, target, params, &Silent).unwrap()
 }
 
-/// Distances of four hippocampi from a fifth one. `SHREC` is the result of the method SHREC of SPHARM-MAT, and the
-/// second array is the result of the joint search in the prototype that shape.md describes.
+/// Distances of four aligned hippocampi from a fifth one. The distances in `SHREC` are from the method SHREC in
+/// SPHARM-MAT, and those in the second array from the joint search in the prototype that shape.md describes.
 const SHREC: [f64; 4] = [3.8910, 3.6538, 2.0639, 4.0496];
 const KNOWN: [f64; 4] = [3.8725, 3.6126, 2.0627, 4.0112];
 
@@ -40,9 +40,9 @@ fn fewer_starts_and_more_find_the_same() {
     }
 }
 
-/// The surfaces are nearly ellipsoids. The distances at the optima of the four half turns differ by less than a
-/// percent. The grid has several maxima near each of these optima, and a search of the grid alone misses the best
-/// optimum.
+/// The surfaces are nearly ellipsoids, so there is an optimum for each of four half turns, and the distances at these
+/// optima differ by less than a percent. The grid has several maxima near each of these optima, and a search of the
+/// grid alone misses the best optimum.
 #[test]
 fn optima_a_half_turn_apart_are_told_apart() {
     let many = AlignParams { bandwidth: Some(13), starts: 16, ..Default::default() };
@@ -90,7 +90,7 @@ fn the_best_scale_is_found() {
 fn a_mirror_image_is_matched_only_if_asked_for() {
     let surface = blob(8, 5);
     let mirror = AlignParams { mirror: true, ..Default::default() };
-    // The surface is mirrored in space alone, and together with its sphere.
+    // The surface is mirrored in space, once without and once with its sphere.
     let both = Transform { antipodal: true, ..Transform::default() };
     for image in [reflected(&surface), posed(&reflected(&surface), &both)] {
         let image = posed(&image, &some_pose(2));

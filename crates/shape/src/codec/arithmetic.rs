@@ -1,16 +1,17 @@
-//! Implements a binary arithmetic coder. Its bounds have 32 bits, and no carry occurs. Each leading byte that both
-//! bounds share is output as one byte.
+//! Implements a binary arithmetic coder, which codes a sequence of decisions, each 0 or 1, given their probabilities.
+//! The state is an interval with 32-bit bounds. A leading byte is output as soon as both bounds share it, so no carry
+//! occurs.
 //!
 //! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits the interval at `middle =
 //! low + ((high - low) p >> 16)`: 1 selects `low..=middle`, and 0 selects the rest. While the top bytes of `low` and
 //! `high` are equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and
 //! compares `middle` with a window of 32 bits of the stream. The decoder reads 4 bytes at the start and one byte for
-//! each shift. Beyond the end of the stream, it reads zeros.
+//! each shift. Beyond the end of the stream, the decoder reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
 //! byte-oriented form of M. Mahoney's PAQ.
 
-/// Denominator of probabilities, whose numerators are from 1 to `ONE - 1`.
+/// Denominator of all probabilities. Numerators are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
 /// Writer or reader of decisions. A probability model uses this interface, so that the same model works with a writer
@@ -20,7 +21,7 @@ pub(super) trait Decisions {
     /// returns the decision read.
     fn decide(&mut self, bit: bool, one: u32) -> Result<bool, Ended>;
 
-    /// Codes the lower `count` bits, at most 32, with equal probabilities, most significant first.
+    /// Codes the lower `count` bits of `bits` (at most 32), most significant first. Each bit has probability 1/2.
     fn plain(&mut self, bits: u32, count: u32) -> Result<u32, Ended> {
         let mut found = 0;
         for shift in (0..count).rev() {
@@ -30,7 +31,7 @@ pub(super) trait Decisions {
     }
 }
 
-/// Error returned if a stream ends before the requested decision.
+/// Error for a stream that ends before the requested decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Ended;
 
@@ -56,7 +57,8 @@ impl Encoder {
         self.bytes.len() + 4
     }
 
-    /// Returns the stream: the fewest bytes that determine all decisions if zeros follow them.
+    /// Returns the finished stream: the fewest bytes from which a decoder that reads zeros beyond the end obtains all
+    /// decisions.
     pub(super) fn finish(mut self) -> Vec<u8> {
         for count in 0..=4 {
             let unit = 1u64 << (32 - 8 * count);

@@ -57,7 +57,7 @@ pub struct CompressParams {
 }
 
 impl CompressParams {
-    /// Returns the parameters for a target, with defaults for all other parameters.
+    /// Returns parameters with the given target and defaults for the rest.
     #[must_use]
     pub fn new(target: Target) -> Self {
         Self { target, levels: None, provenance: true }
@@ -98,8 +98,8 @@ pub struct Compressed {
 /// - [`Flat`](CodecError::Flat) if the surface lies in a plane.
 /// - [`TooLarge`](CodecError::TooLarge) if the model exceeds a limit of the format.
 /// - [`TooFine`](CodecError::TooFine) if a coefficient exceeds the largest number of steps.
-/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`]. Files whose
-///   surface is a point or a line are ignored.
+/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`], not counting files
+///   whose surface is a point or a line.
 /// - [`Interrupted`](CodecError::Interrupted) if the monitor cancels the compression.
 pub fn compress(model: &Model, params: &CompressParams, monitor: &dyn Monitor) -> Result<Compressed, CodecError> {
     check(model, params)?;
@@ -185,7 +185,8 @@ impl Trials<'_> {
 
     /// Returns the coarsest step found at which the distance from the original model is at most `tolerance`.
     fn within(&self, tolerance: f64) -> Result<f64, CodecError> {
-        /// Maximum number of corrections of the estimated distance. Two corrections are enough for most models.
+        /// Maximum number of times that the estimated distance is corrected by the measured distance. Two corrections
+        /// are enough for most models.
         const ROUNDS: usize = 8;
         let (mut start, mut aim, mut best) = (0.2 * tolerance, tolerance, None);
         for _ in 0..ROUNDS {
@@ -268,7 +269,7 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
     Ok(Value::Object(object).to_string())
 }
 
-/// Writer of a model's file for any given step.
+/// Writes files of one model, with any quantisation step.
 struct Writer<'a> {
     model: &'a Model,
     surface: bool,
@@ -293,12 +294,13 @@ impl Writer<'_> {
         if largest > 0.0 { 2.0 * largest } else { 1.0 }
     }
 
-    /// Returns whether quantised coefficients still describe a surface, not a point or a line; true for a signal.
+    /// Returns whether quantised coefficients still describe a surface and not a point or a line; always true for a
+    /// signal.
     fn has_extent(&self, quantised: &Quantised) -> bool {
         !self.surface || Coefficients::new(quantised.coefficients()).is_ok_and(|found| extent(&found).is_ok())
     }
 
-    /// Writes a file; the caller fills in its distance, step and scale.
+    /// Creates the compressed file, without the distance, step and scale, which the caller fills in.
     fn write(&self, quantised: &Quantised) -> Result<Compressed, CodecError> {
         let channels = quantised.first.len();
         let top = quantised.top();
@@ -309,7 +311,7 @@ impl Writer<'_> {
         let mut values = quantised.values.clone();
         let mut ends = Vec::new();
         for degree in 1..=top {
-            // An encoder never returns an error; only a decoder can run out of data.
+            // Writing never fails; only a decoder can run out of data.
             let _ = stream.degree(&mut values, &mut encoder);
             let last = ends.last().map_or(0, |&(_, end)| end);
             let wanted = match self.levels {

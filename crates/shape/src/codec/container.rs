@@ -1,5 +1,5 @@
-//! Reads and writes the file format around the coded stream: header, levels and checksums. `docs/sphz-format.md`
-//! specifies the bytes of the format.
+//! Reads and writes the parts of a file around the coded stream: header, levels and checksums. `docs/sphz-format.md`
+//! specifies the format byte by byte.
 
 use std::io::{Read, Write};
 
@@ -30,10 +30,10 @@ pub(super) const MOST_CHANNELS: usize = 1 << 16;
 const MOST_METADATA: usize = 1 << 24;
 /// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Limits on the number of zero coefficients that a file may declare above the stream's highest degree. The first value
-/// applies to any file. The second value is added to the first for each byte of the file.
+/// Limits on the number of zero coefficients that a file may declare above the stream's highest degree. The limit is
+/// the first value, plus the second value for each byte of the file.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
-/// Maximum of [`Head::guess`], the log2 of the mean magnitude at degree 1.
+/// Maximum of [`Head::guess`], the log2 of the mean magnitude of the quantised coefficients of degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
 
 /// Header of a file.
@@ -44,7 +44,7 @@ pub(super) struct Head {
     pub(super) channels: usize,
     /// Highest degree of the stream; 0 if the stream is empty.
     pub(super) top: usize,
-    /// Approximate log2 of the mean magnitude at degree 1.
+    /// Approximate log2 of the mean magnitude of the quantised coefficients of degree 1.
     pub(super) guess: u32,
     pub(super) shifts: [i8; 2],
     pub(super) steps: Vec<f64>,
@@ -54,7 +54,8 @@ pub(super) struct Head {
     pub(super) segments: Vec<Segment>,
 }
 
-/// Part of the stream that completes a level, with its length in bytes and its checksum.
+/// The part of the stream between the end of the preceding level and the end of a level, with its length in bytes and
+/// its checksum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Segment {
     /// Highest degree of the model that is complete at the end of this segment.
@@ -153,7 +154,7 @@ impl Head {
     }
 }
 
-/// Reader of the header fields that follow the fields at fixed positions.
+/// Reader of the header fields at variable positions, which follow the fields at fixed positions.
 struct Fields<'a> {
     rest: &'a [u8],
     flags: u8,
@@ -197,7 +198,7 @@ impl Fields<'_> {
         }
         let metadata = (self.flags & METADATA != 0).then(|| self.metadata()).transpose()?;
         if !self.rest.is_empty() {
-            return Err(CodecError::damaged("header", "no more bytes", self.rest.len()));
+            return Err(CodecError::damaged("header", "0 bytes after the last field", self.rest.len()));
         }
         Ok(Head { surface, max_degree, channels, top, guess, shifts, steps, first, metadata, segments })
     }
@@ -253,7 +254,7 @@ impl Fields<'_> {
                 return Ok(number);
             }
         }
-        Err(CodecError::damaged(what, "a number of at most 64 bits", "more bits"))
+        Err(CodecError::damaged(what, "a number of at most 64 bits", "a longer number"))
     }
 
     fn number(&mut self, what: &'static str, least: usize, most: usize) -> Result<usize, CodecError> {

@@ -1,21 +1,21 @@
-//! Predicts the magnitude of a coefficient before it is coded; the predictions are the contexts of its probability
-//! estimates.
+//! Predicts the magnitude of a quantised coefficient before it is coded. The predictions select the contexts in which
+//! the coder estimates probabilities.
 //!
 //! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels.
 //! Deviations from this trend are correlated. If a coefficient is large, three kinds of neighbours tend to be large as
-//! well: the coefficients of the same order one and two degrees below, of neighbouring orders, and of the other
-//! channels. Six expected magnitudes, in units of 1/256 of a step, are computed from these neighbours. Each expected
-//! magnitude is a weighted mean of the magnitudes of coded coefficients and of the running mean of the degree.
-//! Magnitudes are clamped to 2^20.
+//! well: the coefficients of the same order one and two degrees below, those of neighbouring orders, and those of the
+//! other channels. Six expected magnitudes, in units of 1/256 of a step, are computed from these neighbours. Each
+//! expected magnitude is a weighted mean of the magnitudes of coefficients that are already coded and of the running
+//! mean of the current degree. Magnitudes are clamped to 2^20.
 
 use spharm_harmonics::index::column;
 
 use super::mixing::ESTIMATES;
 
-/// Expected magnitudes are in units of 1/256 of a quantisation step.
+/// Number of units per quantisation step in which expected magnitudes are measured.
 pub(super) const UNIT: u64 = 256;
 
-/// Number of classes of expected magnitudes: four per octave.
+/// Number of classes of expected magnitudes. Four classes cover a factor of 2.
 pub(super) const CLASSES: usize = 48;
 
 /// Largest magnitude used in predictions; larger magnitudes are clamped to this value.
@@ -63,10 +63,10 @@ impl Sum {
 pub(super) struct Contexts {
     channels: usize,
     degree: usize,
-    /// Mean magnitudes of the last two degrees. At degree 1 both are the header's guess. At degree 2 both are the mean
-    /// of degree 1.
+    /// Mean magnitudes of the coefficients of the last two degrees. At degree 1 both are the guess from the header. At
+    /// degree 2 both are the mean of degree 1.
     means: [u64; 2],
-    /// Mean magnitudes of each channel at the previous degree.
+    /// Mean magnitude of each channel's coefficients at the previous degree.
     channel_means: Vec<u64>,
     /// For each channel, the sum of the magnitudes of the coefficients of the current degree; `sum` is the sum over all
     /// channels.
@@ -96,7 +96,8 @@ impl Contexts {
         let orders = 2 * self.degree as u64 + 1;
         let mean = UNIT * self.sum / (orders * self.channels as u64);
         // `means` has the means of the last two degrees. No mean is known for degree 0, only a guess. After degree 1,
-        // the guess is replaced by the mean of degree 1, because the difference from a guess isn't a trend.
+        // the guess is replaced by the mean of degree 1, because the difference between a mean and a guess says nothing
+        // about the trend.
         self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
         for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
             *mean = UNIT * *sum / orders;
@@ -114,7 +115,7 @@ impl Contexts {
     }
 
     /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in units of 1/256 of a step.
-    /// `values` has all coefficients (K, c). Only the coefficients before this coefficient have been coded.
+    /// `values` holds the quantised coefficients (K, c), of which only those before this coefficient have been coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {

@@ -4,8 +4,8 @@
 //!
 //! - the root mean square distance from points all over each surface to the nearest point of the other surface, in both
 //!   directions ([`surface_distance`]), regardless of which points correspond;
-//! - the root mean square displacement along the normal over the surface's area, which equals these distances to first
-//!   order.
+//! - the root mean square displacement of the surface's points along its normal, over the surface's area. To first
+//!   order, it equals the distance above.
 //!
 //! Both lengths are measured on the same icosphere, which has at least 8 vertices per basis function. The flat
 //! triangles smooth out some of the error at the vertices. The distances are therefore up to 7 % below the
@@ -30,9 +30,9 @@ use spharm_transform::{Transform, TransformParams};
 
 use super::error::CodecError;
 
-/// Number of vertices of the icosphere per basis function.
+/// Minimum number of vertices of the icosphere per basis function.
 const VERTICES_PER_FUNCTION: usize = 8;
-/// Number of points on each surface per basis function.
+/// Number of sampled points on each surface per basis function.
 const POINTS_PER_FUNCTION: usize = 24;
 
 /// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
@@ -41,7 +41,7 @@ const LEVELS: [u32; 2] = [4, 8];
 /// Accuracy of the evaluated vertices, relative to the surface's size.
 const ACCURACY: f64 = 1e-11;
 
-/// The original model, against which compressed models are measured.
+/// The original model, with which compressed models are compared.
 pub(super) enum Reference<'a> {
     /// A surface, evaluated on an icosphere.
     Surface(Box<Surface>),
@@ -97,7 +97,7 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the relative distance between the original and the model with these coefficients (K, c); infinity if
+    /// Returns the relative distance between the original and the model with the given coefficients (K, c); infinity if
     /// this model's surface is a point.
     pub(super) fn distance(&self, coefficients: &Array2<f64>, monitor: &dyn Monitor) -> Result<f64, CodecError> {
         match self {
@@ -113,7 +113,7 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Returns the standard deviation over the sphere of the function with these coefficients. For a constant function,
+/// Returns the standard deviation over the sphere of the function with the given coefficients. For a constant function,
 /// returns its magnitude; for the zero function, returns 1.
 fn deviation(column: ArrayView1<'_, f64>) -> f64 {
     let norm = |skip: usize| {
@@ -131,7 +131,8 @@ impl Surface {
         Ok(self.displacement(&evaluate(&self.transform, &self.mesh, coefficients.view())?))
     }
 
-    /// Returns the root mean square displacement along the normal, relative to the scale.
+    /// Returns the root mean square displacement from the original surface to `moved` along the original's normals,
+    /// relative to the scale.
     fn displacement(&self, moved: &Mesh) -> f64 {
         let (mut sum, mut area) = (0.0, 0.0);
         for ((&normal, &from), &to) in self.normals.iter().zip(&self.mesh.vertices).zip(&moved.vertices) {

@@ -1,4 +1,4 @@
-//! The error type of compressed models.
+//! The error type for compressing and expanding models.
 
 use spharm_monitor::Interrupted;
 use spharm_surface::SurfaceError;
@@ -6,11 +6,11 @@ use spharm_transform::TransformError;
 
 use crate::error::ShapeError;
 
-/// Errors of compressing and expanding models.
+/// Errors that occur when models are compressed or expanded.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CodecError {
-    /// A parameter out of its range.
+    /// A parameter that is out of range.
     #[error("{what}: expected {expected}, found {found}")]
     Parameter {
         /// Name of the parameter.
@@ -80,7 +80,7 @@ pub enum CodecError {
         /// The file's version.
         found: u8,
     },
-    /// Bytes that violate the format, or were changed after writing.
+    /// Bytes that violate the format, or that were changed after the file was written.
     #[error(
         "damaged file: {what}: expected {expected}, found {found}; compress the model again, or use another copy of the file"
     )]

@@ -17,7 +17,8 @@ const TRANSFORM: &str = "transform";
 /// Settings of the expansion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ExpandParams {
-    /// Highest degree of the expanded model. By default, or if the file's degree is lower, all degrees are expanded.
+    /// Highest degree of the expanded model. By default, or if the file has a lower degree, all degrees of the file are
+    /// expanded.
     pub max_degree: Option<usize>,
     /// Whether the bytes may be a prefix of a file. The complete levels of a prefix are expanded. False by default: a
     /// truncated file is then an error.
@@ -97,7 +98,7 @@ pub fn expand(bytes: &[u8], params: &ExpandParams) -> Result<Expanded, CodecErro
     Ok(Expanded { model, levels, bytes: level.bytes })
 }
 
-/// Verifies the checksums of the complete segments, and returns the stream.
+/// Verifies the checksums of the segments that are complete, and returns the stream unchanged.
 fn checked<'a>(head: &Head, stream: &'a [u8]) -> Result<&'a [u8], CodecError> {
     let mut rest = stream;
     for segment in &head.segments {

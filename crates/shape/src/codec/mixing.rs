@@ -1,9 +1,10 @@
-//! Mixes the probability of a decision from several adaptive estimates, in integer arithmetic.
+//! Mixes several adaptive estimates of the probability of a decision (a coded bit) into one probability, in integer
+//! arithmetic.
 //!
-//! Each estimate is a probability that moves towards the decisions in its context. After n decisions, the next decision
-//! moves the estimate by 1 / (n + 8) of the difference between the decision and the estimate. Logistic mixing (Mahoney,
-//! "Adaptive weighing of context models for lossless data compression", 2005) sums the estimates' `ln(p / (1 - p))`
-//! with weights that follow the gradient of the coding cost.
+//! Each estimate is a probability that moves towards the decisions that are coded in its context. After n decisions,
+//! the next decision moves the estimate by 1 / (n + 8) of the difference between the decision and the estimate.
+//! Logistic mixing (Mahoney, "Adaptive weighing of context models for lossless data compression", 2005) sums the
+//! estimates' `ln(p / (1 - p))` with weights that are adapted by gradient descent on the coding cost.
 //!
 //! Encoder and decoder must agree in every bit, on any machine and in any language. Therefore all numbers are integers.
 //! An estimate has 22 bits, and a probability has 16 bits. A logarithm is a multiple of 1/256, and a weight is a
@@ -54,7 +55,7 @@ pub(super) struct Estimate {
     seen: u32,
 }
 
-/// After this number of updates, an estimate adapts at a constant rate.
+/// Number of updates after which an estimate adapts at a constant rate.
 const MOST_SEEN: u32 = 250;
 
 impl Estimate {

@@ -1,12 +1,13 @@
 //! Compresses models into files `NAME.sphz` and expands them.
 //!
-//! Coefficients are quantised with one step, chosen by a [`Target`]. Their magnitudes are coded by an arithmetic coder
-//! with mixed adaptive probabilities, conditioned on the neighbouring coefficients. Degrees are coded in order, so that
-//! a prefix of a file is a coarser model. `docs/sphz-format.md` specifies every byte.
+//! Coefficients are quantised with a single step, which is chosen to meet a [`Target`]. Their magnitudes are coded by
+//! an arithmetic coder with mixed adaptive probabilities, conditioned on the neighbouring coefficients. Degrees are
+//! coded in order, so that a prefix of a file is a coarser model. `docs/sphz-format.md` specifies every byte.
 //!
-//! *Loss*: the step limits the precision. The sphere is lost, and with it the triangles, and the number and order of
-//! the vertices that the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured
-//! by the distance between the surfaces. Points may also move along the surface, by about the same length.
+//! *Loss*: the quantisation step limits the precision of the coefficients. The sphere is lost, and with it the
+//! triangles, and the number and order of the vertices that the model was fitted to. An expanded model can be evaluated
+//! on any sphere. The error is measured by the distance between the surfaces. Points may also move along the surface,
+//! by about as much as this distance.
 //!
 //! *Cost*: coding or decoding a coefficient takes about 200 ns on one core, and 4 bytes of memory in addition to the
 //! model. Finding the step for a tolerance takes 4 to 8 evaluations of the distance between two surfaces of at least `8
@@ -19,7 +20,7 @@
 //! | [`compress`], [`expand`] | conversion of models to bytes and back |
 //! | [`CodecError`] | the error type |
 //! | `quantizer` | quantisation: integer multiples of the step |
-//! | `distance`, `search` | error of a compressed model, and search for the step that meets a target |
+//! | `distance`, `search` | distance of a compressed model from the original; search for the step that meets a target |
 //! | `contexts`, `mixing`, `arithmetic`, `stream` | expected magnitudes, probabilities, coder, coded stream |
 //! | `container` | the file format |
 //!

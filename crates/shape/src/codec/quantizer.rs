@@ -4,8 +4,8 @@
 //! and order. Therefore a single step for all coefficients minimises the mean square error. Fractions of 0.62 and above
 //! are rounded up, instead of fractions of 0.5 and above. This widens the zone that is rounded to 0 and shifts
 //! magnitudes towards 0, because smaller magnitudes need fewer bits (Sullivan, "Efficient scalar quantization of
-//! exponential and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). Magnitudes are
-//! reconstructed as the mean of the values that were rounded to them. The shift from a magnitude to this mean is stored
+//! exponential and Laplacian random variables", IEEE Transactions on Information Theory 42, 1996). A magnitude is
+//! reconstructed as the mean of the values that were rounded to it. The shift from a magnitude to this mean is stored
 //! once for magnitude 1, and once for all magnitudes of 2 and more.
 //!
 //! The coefficients of degree 0, the surface's position, are rounded to the nearest multiple. These multiples may be
@@ -19,8 +19,8 @@ use super::stream::LARGEST;
 /// Offset added to a magnitude before it is rounded down.
 const ROUNDING: f64 = 0.38;
 
-/// A coefficient of degree 0 is stored as a multiple of the step. The multiple is at most this number, because f64
-/// can't represent all integers above it.
+/// Largest multiple of the step that may be stored for a coefficient of degree 0. Above this number, f64 can't
+/// represent all integers.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
@@ -30,8 +30,8 @@ pub(super) struct Quantised {
     pub(super) steps: Vec<f64>,
     /// The coefficient of degree 0 of each channel, as a multiple of the channel's step.
     pub(super) first: Vec<i64>,
-    /// Reductions of the reconstructed magnitudes, in 256ths of a step. The first is for magnitude 1, the second for
-    /// magnitudes of 2 and more.
+    /// Amounts by which reconstructed magnitudes are reduced, in 256ths of a step: the first for magnitude 1, the
+    /// second for magnitudes of 2 and more.
     pub(super) shifts: [i8; 2],
     /// Multiples of the step for all coefficients (K, c); the row of degree 0 is zero.
     pub(super) values: Vec<i32>,
@@ -70,7 +70,7 @@ impl Quantised {
         Ok(Self { steps, first, shifts, values })
     }
 
-    /// Returns the highest degree with a nonzero value.
+    /// Returns the highest degree that has a nonzero coefficient.
     pub(super) fn top(&self) -> usize {
         let last = self.values.iter().rposition(|&value| value != 0);
         last.map_or(0, |last| (last / self.first.len()).isqrt())

@@ -1,4 +1,5 @@
-//! Searches for the step at which a file has a given size, or a compressed model a given distance.
+//! Searches for the quantisation step at which the file has a given size, or the compressed model has a given distance
+//! from the original.
 
 use super::error::CodecError;
 
@@ -7,8 +8,8 @@ const TRIES: usize = 40;
 
 /// Result of compressing with one step.
 pub(super) struct Trial<T> {
-    /// Excess of the size or distance, `ln(found / wanted)`: at most 0 if the step is acceptable, and possibly
-    /// infinite.
+    /// Excess of the size or distance over the wanted one, `ln(found / wanted)`: at most 0 if the step is acceptable.
+    /// It may be infinite.
     pub(super) excess: f64,
     pub(super) result: T,
 }

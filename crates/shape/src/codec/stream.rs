@@ -1,9 +1,9 @@
-//! Codes coefficients as a stream of decisions. The same code writes and reads streams.
+//! Codes quantised coefficients as a stream of decisions, each 0 or 1. The same code writes and reads streams.
 //!
-//! Degrees are coded in ascending order from 1. The orders of a degree are coded as 0, 1, -1, 2, -2, and so on. The
-//! channels of an order are coded one after another. A magnitude is divided by 2^s, with s chosen so that the expected
-//! quotient is at most 6. The quotient is coded in unary, and each decision has the mixed probability of its contexts.
-//! The remainder and the sign are coded as raw bits.
+//! Degrees are coded in ascending order from 1. The orders of a degree are coded in the sequence 0, 1, -1, 2, -2, and
+//! so on. The channels of an order are coded one after another. A magnitude is divided by 2^s, with s chosen so that
+//! the expected quotient is at most 6. The quotient is coded in unary, and each decision has the mixed probability of
+//! its contexts. The remainder and the sign are coded as raw bits.
 
 use spharm_harmonics::index::column;
 
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Returns coefficients that decay with the degree, with outliers.
+    /// Returns quantised coefficients that decay with the degree, except for some outliers.
     fn values(max_degree: usize, channels: usize, size: f64, seed: u64) -> Vec<i32> {
         let mut state = seed;
         let mut random = || {

@@ -4,14 +4,15 @@
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! A step length t must satisfy two limits. No direction moves by more than [`FARTHEST`], or by more than [`FIRST`] if
-//! L-BFGS has no stored pairs. The displacements of two neighbours differ by at most [`STRETCH`] times the neighbours'
-//! distance. If displacements differ by less than the distance, the step is one-to-one and can be inverted by a
-//! fixed-point iteration. The first t tried is 1 or the largest allowed length, whichever is smaller. If L-BFGS has no
-//! stored pairs, it is the largest allowed length. t is then reduced until the objective satisfies Armijo's rule and no
-//! triangle is inverted. Each reduction halves t or sets it to the minimum of the parabola through the costs.
+//! Here phi_i is the map of member i, w_i is its tangent field, and t is the step length, which must satisfy two
+//! limits. No direction moves by more than [`FARTHEST`], or by more than [`FIRST`] if L-BFGS has no stored pairs. The
+//! displacements of two neighbours differ by at most [`STRETCH`] times the neighbours' distance. If displacements
+//! differ by less than the distance, the step is one-to-one and can be inverted by a fixed-point iteration. The first t
+//! tried is 1 or the largest allowed length, whichever is smaller. If L-BFGS has no stored pairs, it is the largest
+//! allowed length. t is then reduced until the objective satisfies Armijo's rule and no triangle is inverted. Each
+//! reduction halves t or sets it to the minimum of the parabola through the costs.
 //!
-//! Cost: typically two evaluations of the group per step.
+//! Cost: typically two evaluations of the objective per step.
 
 use ndarray::Array2;
 use spharm_harmonics::index::{basis_size, degree_order};
@@ -31,14 +32,14 @@ use crate::groupwise::state::{Group, State};
 const FIRST: f64 = 0.03;
 /// Largest angle, in radians, by which a step moves a direction if L-BFGS has stored pairs.
 const FARTHEST: f64 = 0.15;
-/// A step is shortened so that the displacements of neighbouring vertices differ by at most this share of the vertices'
-/// distance.
+/// Maximum difference between the displacements of neighbouring vertices, as a fraction of the vertices' distance.
+/// Steps that would exceed it are shortened.
 const STRETCH: f64 = 0.5;
 /// Fraction of the decrease predicted by the slope that a step must achieve (Armijo's rule).
 const ARMIJO: f64 = 1e-4;
-/// Maximum number of step lengths tried per step.
+/// Maximum number of step lengths that are tried in a step.
 const TRIALS: usize = 12;
-/// Number of consecutive steps with almost no decrease of the objective after which a stage ends.
+/// Number of consecutive steps that barely decrease the objective, after which a stage ends.
 const IDLE: usize = 3;
 
 /// Runs a stage that starts from the directions `at`. Updates the directions, and appends the stage's steps to the
@@ -132,7 +133,7 @@ pub(super) fn descend(
     Ok(report)
 }
 
-/// Returns the preconditioner of each coefficient: `(l (l + 1))^-1.5` for degree l, and 0 for degree 0.
+/// Returns the preconditioner's factor for each coefficient: `(l (l + 1))^-1.5` for degree l, and 0 for degree 0.
 fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     let of_one: Vec<f64> = (0..basis_size(field_degree))
         .flat_map(|row| {
@@ -144,7 +145,7 @@ fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     of_one.repeat(members)
 }
 
-/// Splits a vector into the potentials (K, 2) of each member.
+/// Splits a vector of all members' coefficients into one array (K, 2) of potentials per member.
 fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
     let rows = basis_size(field_degree);
     all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()

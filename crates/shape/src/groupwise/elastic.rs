@@ -1,29 +1,29 @@
-//! Computes the elastic energy of a map of a triangulated sphere to itself, which is the cost of stretching it, and
-//! the energy's gradient.
+//! Computes the elastic energy of a map phi of a triangulated sphere to itself, which is the cost of stretching the
+//! sphere, and the energy's gradient.
 //!
 //! ```text
 //! E(phi) = sum_T share_T (1 + e^s) / 2 psi(s),    s = log(a_T(phi) / a_T)
 //! psi(s) = s^2 + BARRIER max(|s| - FREE, 0)^2
 //! ```
 //!
-//! share_T is the triangle's fraction of the sphere's area. a_T is six times the volume between the triangle and the
-//! origin. It is positive if and only if the triangle is counter-clockwise seen from outside, so the logarithm becomes
-//! infinite before a triangle is inverted. The square of the logarithm gives shrinking and stretching equal weight;
-//! beyond a factor of `exp(FREE)` a barrier is added. The energy is the mean of two energies, weighted by the
-//! triangles' areas before and after the map. If it were weighted by the areas before the map alone, a few triangles
-//! could stretch over a whole anatomical process of a member at almost no cost, and the member's model would lose the
-//! process.
+//! The sum is over the triangles T. share_T is the triangle's fraction of the sphere's area. a_T is six times the
+//! volume between the triangle and the origin before the map, and a_T(phi) the same after the map. This volume is
+//! positive if and only if the triangle is counter-clockwise seen from outside, so the logarithm becomes infinite
+//! before a triangle is inverted. The square of the logarithm gives shrinking and stretching equal weight; beyond a
+//! factor of `exp(FREE)` a barrier is added. The energy is the mean of two energies, weighted by the triangles' areas
+//! before and after the map. If it were weighted by the areas before the map alone, a few triangles could stretch over
+//! a whole anatomical process of a member at almost no cost, and the member's model would lose the process.
 //!
 //! Cost: about 60 flops per triangle.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, scale};
 
-/// A barrier is added to a triangle's energy if the absolute logarithm of its change of area exceeds this value.
+/// Absolute logarithm of a triangle's change of area above which a barrier is added to the triangle's energy.
 const FREE: f64 = 1.386;
 /// Factor of the barrier in psi; see the [module](self).
 const BARRIER: f64 = 20.0;
 
-/// Triangles of the sphere, with their areas before deformation.
+/// Triangles of the sphere, with their areas before the map.
 pub(super) struct Elastic<'a> {
     faces: &'a [[u32; 3]],
     /// Value of a_T for each triangle on the undeformed sphere.
@@ -47,7 +47,7 @@ impl<'a> Elastic<'a> {
         terms.sum()
     }
 
-    /// Adds the energy's gradient times `weight` to the covectors.
+    /// Adds `weight` times the energy's gradient with respect to the directions `at` to the covectors.
     pub(super) fn add_gradient(&self, at: &[Vec3], weight: f64, covectors: &mut [Vec3]) {
         for ((face, s), share) in self.faces.iter().zip(self.logarithms(at)).zip(&self.shares) {
             let [a, b, c] = face.map(|v| at[v as usize]);

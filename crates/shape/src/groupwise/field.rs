@@ -1,4 +1,5 @@
-//! Computes tangent fields of the sphere from harmonic potentials, the adjoint of this map, and steps along fields.
+//! Computes tangent fields on the sphere from harmonic potentials, the adjoint of this computation, and steps along
+//! fields.
 //!
 //! The potentials A and B are sums of harmonics of degrees 1 to D. Their field is the sum of a gradient and a curl,
 //!

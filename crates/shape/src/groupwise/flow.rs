@@ -23,10 +23,10 @@ use crate::groupwise::field::{field, step};
 
 /// Accuracy of the evaluated fields.
 const ACCURACY: f64 = 1e-12;
-/// The iterations that invert a flow have converged when an iteration changes all directions by less than this angle,
-/// in radians.
+/// Angle in radians. The iteration that inverts a flow has converged once it changes all directions by less than this
+/// angle.
 const FOUND: f64 = 1e-11;
-/// Maximum number of iterations of an inverse.
+/// Maximum number of iterations for the inverse of a step.
 const ROUNDS: usize = 60;
 
 /// A diffeomorphism of the sphere; the identity by default.

@@ -1,5 +1,5 @@
-//! Computes the energy of points that a refinement holds fixed, such as landmarks that a registration has moved to the
-//! same direction in all members.
+//! Computes the energy that holds given points fixed during a refinement, such as landmarks that a registration has
+//! moved to the same direction in all members.
 //!
 //! ```text
 //! H(phi) = weight sum_p |phi(p) - p|^2
@@ -10,7 +10,7 @@
 use spharm_surface::Place;
 use spharm_surface::geometry::{Vec3, add, dot, scale, sub};
 
-/// Points to hold fixed, with their positions on the undeformed sphere.
+/// Points to hold fixed, with their positions on the sphere before the map.
 pub(super) struct Held {
     places: Vec<(Place, Vec3)>,
     weight: f64,

@@ -19,13 +19,13 @@ use super::state::Group;
 use super::{check, moved, with_normals};
 use crate::error::ShapeError;
 
-/// A finished group, prepared for the refinement of any number of new members.
+/// A finished group, prepared so that any number of new members can be refined against it.
 pub struct FinishedGroup {
     sphere: Sphere,
     mask: Vec<f64>,
     params: GroupwiseParams,
     stages: Vec<(StageParams, Reference)>,
-    /// Length by which unit normals are multiplied, in the members' unit.
+    /// Length by which the unit normals are multiplied to serve as channels, in the members' unit.
     length: f64,
     /// Number of rows of the members' coefficients.
     rows: usize,

@@ -3,11 +3,11 @@
 //! The method stores pairs of a step s and the change y of the gradient along this step. Two loops over these pairs
 //! apply an approximate inverse Hessian, whose initial value is `gamma P` (J. Nocedal, "Updating quasi-Newton matrices
 //! with limited storage", Math. Comp. 35, 1980). P is a diagonal matrix given by the caller, and gamma is `s.y / y.P y`
-//! of the last pair.
+//! for the last pair.
 //!
 //! A step composes a map with the exponential of a field, so the gradients before and after the step are covectors at
-//! different maps. They are used without transport, because fields on the fixed sphere form a single vector space for
-//! all maps.
+//! different maps. They are used without parallel transport, because fields on the fixed sphere form a single vector
+//! space for all maps.
 //!
 //! Cost: `4 PAIRS` operations on whole vectors per direction of descent. The order of summation doesn't depend on the
 //! number of threads.

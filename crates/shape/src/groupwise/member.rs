@@ -1,13 +1,15 @@
 //! Evaluates one member of a group during a stage: its channels as functions on the sphere, and their derivatives.
 //!
-//! Covectors g_c of the values of channels f_c at a direction p give the tangent vector `sum_c g_c grad f_c`. With
-//! `L f = p x grad f`, this vector is `-p x h` for `h = sum_c g_c L f_c`.
+//! If g_c is the derivative of the cost with respect to the value of channel f_c at a direction p, the derivative with
+//! respect to p is the tangent vector `sum_c g_c grad f_c`. With `L f = p x grad f`, this vector is `-p x h` for `h =
+//! sum_c g_c L f_c`.
 //!
 //! The unit normals of the surface are channels too. They are projected onto harmonics by quadrature on a
-//! Gauss-Legendre grid. So the derivatives of normals need no second derivatives of the surface, and stages of low
-//! degree use normals of low degree.
+//! Gauss-Legendre grid. Therefore the derivatives of the normals need no second derivatives of the surface, and stages
+//! of low degree use normals of low degree.
 //!
-//! Cost: a synthesis of C functions for the values, and a synthesis of 3C functions for the contraction with covectors.
+//! Cost for C channels: a synthesis of C functions for the values, and a synthesis of 3C functions for the contraction
+//! with the derivatives g_c.
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::index::basis_size;
@@ -72,7 +74,8 @@ impl Member {
         Ok(plan.surface.synthesis(self.values.view())?)
     }
 
-    /// Returns the tangent vectors `sum_c g_c grad f_c` at the plan's directions, for covectors g (n, C).
+    /// Returns the tangent vectors `sum_c g_c grad f_c` at the plan's directions, for the derivatives g (n, C) of the
+    /// cost with respect to the channels' values.
     pub(super) fn contract(&self, covectors: &[f64], at: &[Vec3], plan: &Plan) -> Result<Vec<Vec3>, ShapeError> {
         let samples = plan.surface.synthesis(self.derivatives.view())?;
         let channels = self.values.ncols();

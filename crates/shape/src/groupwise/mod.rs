@@ -10,28 +10,28 @@
 //!
 //! G is the covariance of the x_i over the surfaces' mean area, and lambda_k are its eigenvalues. delta is a positive
 //! constant, E the elastic energy of a map, and mu its weight. The first term is the description length of the group
-//! (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007). It is smaller if the variance is
-//! concentrated in few modes. Points stay exactly on their surfaces, and no triangle of the sphere is inverted. Unit
+//! (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007). It decreases if the variance is
+//! concentrated in fewer modes. Points stay exactly on their surfaces, and no triangle of the sphere is inverted. Unit
 //! normals, multiplied by a length, are channels in addition to the positions. Without normals, points slide along the
 //! surfaces to regions in which members differ least. The group then becomes compact, but the correspondence is wrong.
 //! The refinement proceeds in stages, from low to high degrees of models and fields.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `report` | settings; costs and distortions of each stage |
+//! | `params`, `report` | settings of a refinement; costs and distortions of each stage |
 //! | [`flow`] | a map of the sphere as a sequence of steps; its application and inverse |
 //! | `field` | tangent fields from potentials, the adjoint of this map, steps along fields |
 //! | `member` | channels, normals and derivatives of one member |
 //! | `objective` | the description length and its derivatives with respect to the values |
 //! | `elastic`, `held` | the cost of stretching the sphere; the cost of moving fixed points |
 //! | `together` | alignment of members to their mean in every step |
-//! | `state` | values, cost and gradient of a group for given maps |
+//! | `state` | the values, cost and gradient of a group whose members are mapped by given maps |
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
 //! | `descent`, `lbfgs` | one stage; directions of descent |
 //!
-//! Cost: a step evaluates `4 C` functions of degree L and 12 functions of degree D at n directions for each member.
-//! This takes 2 ms at L = 15 and 2,562 directions, and 15 ms at L = 40 and 10,242 directions. Memory: 3 values per
-//! channel, direction and member.
+//! Cost: with C channels, models of degree L and fields of degree D, a step evaluates `4 C` functions of degree L and
+//! 12 functions of degree D at n directions for each member. This takes 2 ms per member at L = 15 and 2,562 directions,
+//! and 15 ms at L = 40 and 10,242 directions. Memory: 3 values per channel, direction and member.
 
 mod descent;
 mod elastic;
@@ -206,9 +206,9 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Adds three channels to each member: the unit normals multiplied by a length. Adds none if `weight` is 0. The length
-/// is `length` if given, otherwise `weight` times the square root of the members' mean area. Returns the extended
-/// members and the length.
+/// Adds three channels to each member: the unit normals multiplied by a length. If `weight` is 0, adds no channels. The
+/// length is `length` if given, otherwise `weight` times the square root of the members' mean area. Returns the
+/// extended members and the length.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,

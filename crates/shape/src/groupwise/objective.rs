@@ -23,7 +23,7 @@
 //!
 //! The first term of dJ/dx_i sums to 0 over the members, so the derivative of the mean contributes nothing.
 //!
-//! Cost: `2 N^2 n C` flops for a value and the same for a gradient. Memory: three arrays of (N, n C).
+//! Cost: `2 N^2 n C` flops for a value, and as many for a gradient. Memory: three (N, n C) arrays.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -39,7 +39,7 @@ const ROWS: usize = 32;
 /// area have this variance.
 const ROUNDING: f64 = 1e-16;
 
-/// Inputs of the objective that a descent doesn't change: triangles and weights.
+/// Inputs of the objective that stay the same during a descent: triangles and weights.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
     pub(super) faces: &'a [[u32; 3]],
@@ -47,7 +47,7 @@ pub(super) struct Objective<'a> {
     pub(super) mask: &'a [f64],
 }
 
-/// Covariance of the group for given maps, with the data from which its derivatives are computed.
+/// Covariance of a group whose members are mapped by given maps, with the data from which derivatives are computed.
 pub(super) struct Covariance {
     /// The members' values minus the mean, y (N, n C).
     pub(super) centred: Array2<f64>,
@@ -57,7 +57,7 @@ pub(super) struct Covariance {
     pub(super) weights: Vec<f64>,
     /// Area a_i(u) of each member i at each direction u (N, n).
     areas: Array2<f64>,
-    /// Masked area A_i of each member (N).
+    /// Area A_i of each member inside the mask (N).
     totals: Vec<f64>,
     /// Covariance of the members, G (N, N).
     pub(super) gram: Array2<f64>,
@@ -181,7 +181,7 @@ impl Covariance {
     }
 }
 
-/// Returns a function that returns the position at a given direction, from a member's row of values.
+/// Returns a function from the index of a direction to the position at this direction, given a member's row of values.
 pub(super) fn corners(row: &[f64], directions: usize) -> impl Fn(usize) -> Vec3 {
     let channels = row.len() / directions.max(1);
     move |v| std::array::from_fn(|c| row[v * channels + c])

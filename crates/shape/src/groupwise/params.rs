@@ -43,17 +43,17 @@ impl StageParams {
 pub struct GroupwiseParams {
     /// Stages, from coarse to fine. By default the stages that [`StageParams::up_to`] returns for the members' degree.
     pub stages: Option<Vec<StageParams>>,
-    /// Constant, above 0, that is added to variances before taking the logarithm, as a fraction of the sum of variances
-    /// at the start of a stage. A small value gives weight to small modes, which are mostly noise. A large value
-    /// ignores them. The default is 0.03. For shapes with a moving bump, the first mode has 0.91 of the variance with a
-    /// delta of 0.03, and 0.78 with a delta of 0.1. For vertebrae, corresponding landmarks are equally close to each
-    /// other with both values.
+    /// Constant that is added to the variances before taking their logarithms, as a fraction of the sum of variances at
+    /// the start of a stage; above 0. A small value gives weight to small modes, which are mostly noise. With a large
+    /// value, small modes have no effect. The default is 0.03. For shapes with a moving bump, the first mode has 0.91
+    /// of the variance with a delta of 0.03, and 0.78 with a delta of 0.1. For vertebrae, corresponding landmarks are
+    /// equally close to each other with both values.
     pub delta: f64,
     /// Weight mu of the elastic energy, at least 0; by default 0.4.
     pub elasticity: f64,
     /// Weight of the unit normals as channels, as a fraction of the square root of the members' mean area; 0 omits the
     /// normals. Without normals, points slide along the surface to regions in which members agree. The default is 0.12.
-    /// Both smaller and larger values increase the distances between corresponding points, in groups of known
+    /// Both smaller and larger values increased the distances between points that should correspond, in groups of known
     /// correspondence and for landmarks of vertebrae.
     pub normals: f64,
     /// Points of the sphere to hold fixed, such as landmarks; none by default.

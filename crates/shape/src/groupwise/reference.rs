@@ -6,12 +6,12 @@
 //! M = sum_k <x - m, e_k>^2 / (lambda_k + delta) + (|x - m|^2 - sum_k <x - m, e_k>^2) / delta
 //! ```
 //!
-//! from the group's mean m. e_k are the modes of the N members, and lambda_k the variances along these modes. In the
-//! inner products, a direction is weighted by its fraction of a member's area, averaged over the members (M. Tipping
-//! and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's cost is
-//! `log(1 + M / N)`. This cost is the member's contribution to the description length `log det(G + delta 1)` if nothing
-//! else changes. The member's points therefore move as if the member were refined together with the group, but the
-//! group is unchanged.
+//! from the group's mean m, where e_k are the modes of the N members, and lambda_k are the variances along these modes.
+//! In the inner products, a direction is weighted by its fraction of a member's area, averaged over the members (M.
+//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's cost
+//! is `log(1 + M / N)`. This is the member's contribution to the description length `log det(G + delta 1)` of the
+//! group, if nothing else changes. The member's points therefore move as if the member were refined together with the
+//! group, but the group is unchanged.
 //!
 //! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value per mode, channel and direction.
 

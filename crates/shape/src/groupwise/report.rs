@@ -1,4 +1,4 @@
-//! Reports the costs, steps and distortions of a refinement, by stage.
+//! Holds the report of a refinement: costs, steps and distortions of each stage.
 
 use crate::groupwise::elastic::Elastic;
 use crate::groupwise::params::StageParams;
@@ -31,7 +31,7 @@ pub struct StageReport {
     /// distance from the mean, over the surface's area, at the stage's degree. It covers all channels, including the
     /// weighted normals.
     pub variance: [f64; 2],
-    /// Change of areas after the stage.
+    /// Change of areas under the maps at the end of the stage.
     pub distortion: Distortion,
     /// Whether the stage ended because its last steps barely decreased the objective, and not because it reached its
     /// maximum number of steps.

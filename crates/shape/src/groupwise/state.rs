@@ -1,4 +1,4 @@
-//! Evaluates a group for given maps of its members: values, cost, and gradient with respect to tangent fields.
+//! Evaluates a group whose members are mapped by given maps: values, cost, and gradient with respect to tangent fields.
 //!
 //! ```text
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
@@ -7,10 +7,10 @@
 //! phi_i is the map of member i, and G and delta are defined in [`objective`](super::objective). E is the elastic
 //! energy ([`elastic`](super::elastic)) with the weight mu, and H is the energy of the fixed points
 //! ([`held`](super::held)). If members are aligned in every step, each member is moved rigidly to the mean before G is
-//! computed. The member's gradient is then rotated back.
+//! computed, and the member's gradient is rotated back afterwards.
 //!
-//! Members are evaluated in parallel. Each evaluation creates a plan for the directions of a member, and drops it
-//! afterwards.
+//! Members are evaluated in parallel. For each member, an evaluation creates a plan of the transform at the member's
+//! directions, and drops it afterwards.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;

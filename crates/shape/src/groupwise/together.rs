@@ -1,8 +1,8 @@
 //! Aligns members rigidly to their mean in every step of the refinement.
 //!
 //! Directions are weighted by their area on the mean surface. Rotations are found by Kabsch's method, starting from
-//! each member's pose in the last step. The motions minimise the variance, and so nearly minimise the description
-//! length. The gradient treats the motions as constant.
+//! each member's pose in the last step. These motions minimise the variance, and therefore nearly minimise the
+//! description length. The gradient is computed as if the motions were constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -74,7 +74,7 @@ pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], b
     }
 }
 
-/// Returns for each direction its share of the surface's area inside the mask; 0 outside the mask.
+/// Returns each direction's fraction of the surface's area inside the mask; 0 for directions outside the mask.
 fn areas(row: &[f64], objective: &Objective<'_>) -> Vec<f64> {
     let at = corners(row, objective.mask.len());
     let mut found = vec![0.0; objective.mask.len()];

@@ -1,11 +1,11 @@
-//! Measures how well the modes of a group represent shapes of the group's kind: generalisation and specificity.
+//! Measures how well the modes of a group represent other shapes of the same kind: generalisation and specificity.
 //!
 //! Both measures refer to the first k modes, for k = 1 to m, and are in the unit of length. *Generalisation* is the
 //! mean distance of a member from its nearest shape in the model of all other members. *Specificity* is the mean
-//! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and random
-//! shapes are represented by their coordinates along the modes, which preserve distances. The cost therefore doesn't
-//! depend on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
-//! specificity.
+//! distance of a random shape of the model from the nearest member. Smaller values of both are better. Members and
+//! random shapes are represented by their coordinates along the modes, which preserve distances. The cost therefore
+//! doesn't depend on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops
+//! for the specificity.
 
 use ndarray::{Array2, Axis};
 use rand_chacha::ChaCha8Rng;

@@ -5,11 +5,11 @@
 //! requested. Then the Procrustes analysis rotates only the parameters. Surfaces keep their positions relative to each
 //! other: the origin is the centre of the mean. Members aren't centred individually.
 //!
-//! Sampled points determine poses only to a thousandth of a surface's size. A joint alignment, which searches the
-//! rotations of space and of the parameters together, has no sampling error. Its result is used if it reduces the
-//! members' distances at equal directions below the distances between their surfaces in the sampled poses. The surfaces
-//! then fit each other at least as well as in the sampled poses, because the distance between two surfaces is at most
-//! their distance at equal directions.
+//! Because surfaces are sampled at points, poses are accurate only to a thousandth of a surface's size. A joint
+//! alignment, which searches the rotations of space and of the parameters together, has no sampling error. Its result
+//! is used if it reduces the members' distances at equal directions below the distances between their surfaces in the
+//! sampled poses. The surfaces then fit each other at least as well as in the sampled poses, because the distance
+//! between two surfaces is at most their distance at equal directions.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -24,7 +24,7 @@ use crate::group::{mean_of, spread_of};
 use crate::surface_poses::GAIN;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// A distance between two surfaces below this fraction of the surfaces' size is within the sampling error.
+/// Sampling error of the distance between two surfaces, as a fraction of the surfaces' size.
 const ROUNDING: f64 = 1e-3;
 /// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
 /// equal directions may correspond. The joint alignment is then tried.
@@ -33,8 +33,8 @@ const NEAR: f64 = 2.0;
 /// its members are nearer than the members themselves. If there are fewer such members, each is reported individually.
 const SIDES: f64 = 0.25;
 
-/// Aligns a group by its surfaces. A point or a line has no pose, so a group with such a member is aligned by the
-/// joint search of both rotations.
+/// Aligns a group by its surfaces. If a member is a point or a line, it has no pose, and the group is aligned by the
+/// joint search of both rotations instead.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -112,7 +112,7 @@ pub(super) fn together(
     Ok(result)
 }
 
-/// Returns the spread of the input members after centring alone.
+/// Returns the spread of the input members after they were centred, without any other alignment.
 fn spread_as_given(
     members: &[Coefficients],
     degree: usize,

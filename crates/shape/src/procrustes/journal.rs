@@ -11,9 +11,10 @@
 //! | 48..64 | zero |
 //! | 196 each | record of a pose |
 //!
-//! A record has 24 f64 values: the rotation of the parameters and the orthogonal matrix of space by rows, distance,
-//! stiffness, 3 singular values, and 1 if directions are replaced by their opposites, otherwise 0. The values are
-//! followed by the CRC32C of the header, the record's index and the values.
+//! A record has 24 f64 values: the rotation of the parameters and the orthogonal matrix that is applied in space (9
+//! values each, row by row), the distance, the stiffness, 3 singular values, and a flag that is 1 if directions are
+//! replaced by their opposites, otherwise 0. The values are followed by the CRC32C of the header, the record's index
+//! and the values.
 //!
 //! A run that is interrupted while writing leaves an incomplete record. A power failure may leave blocks that were
 //! never written. Therefore everything after the last valid record is discarded and recomputed.
@@ -102,7 +103,7 @@ impl Journal {
         self.found.len()
     }
 
-    /// Takes the next poses of an earlier run from the journal, at most `count`.
+    /// Removes the next poses from an earlier run from the journal, at most `count`, and returns them.
     pub(super) fn take(&mut self, count: usize) -> Vec<Pose> {
         let rest = self.found.len().saturating_sub(count);
         let mut taken = self.found.split_off(rest);
@@ -155,7 +156,7 @@ fn encode(pose: &Pose, header: &[u8; HEADER], number: u64, out: &mut Vec<u8>) {
     out.extend(checksum);
 }
 
-/// Returns the pose of a record, or `None` if the record is invalid.
+/// Returns the pose that a record contains, or `None` if the record is invalid.
 fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<Pose> {
     let (numbers, found) = record.split_at(8 * NUMBERS);
     if checksum(numbers, header, number) != found {

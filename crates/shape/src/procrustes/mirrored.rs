@@ -1,4 +1,4 @@
-//! Detects members of a group that are mirror images of the others.
+//! Detects members of a group that are mirror images of the other members.
 //!
 //! Each member and its mirror image are aligned to the mean of the *others*, because a mirrored member would resemble a
 //! mean that includes it. The logarithm of the ratio of the two distances, x = ln(image / own), is positive if the
@@ -26,7 +26,8 @@ use crate::group::{Pose, Round};
 use crate::pair::object_only;
 use crate::refine::{Space, Target};
 
-/// Minimum number of members from which the spread of x is estimated, with x as defined at the top of this file.
+/// Minimum size of a group in which mirrored members are detected. In a smaller group, the spread of x (see the
+/// [module](self)) can't be estimated.
 const LEAST: usize = 4;
 /// A member is reported as mirrored only if its x ([`Judged::log`]) is at most minus this value, and the median of x
 /// over all members is at least this value.
@@ -34,10 +35,10 @@ const CLEAR: f64 = 0.1;
 /// A member is reported as mirrored only if its x = ln(image / own) is below the median by at least this multiple of
 /// the spread s.
 const FAR: f64 = 5.0;
-/// Distances below this are treated as rounding errors, for surfaces of norm 1.
+/// Distances between surfaces of norm 1 are treated as rounding errors if they are below this value.
 const SAME: f64 = 1e-7;
 
-/// Returns the median of numbers; zero for an empty list.
+/// Returns the median of `numbers`, or zero for an empty list.
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_unstable_by(f64::total_cmp);
     let count = numbers.len();
@@ -62,7 +63,8 @@ impl Judged {
 
 impl Group<'_> {
     /// Returns a warning for each member whose mirror image is nearer to the other members than the member itself. The
-    /// second value is true if there are no such members, but some members differ little from their mirror images.
+    /// second value is true if there are no such members, but the x of some member is below [`CLEAR`], so that mirrored
+    /// members may have gone undetected.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));
@@ -85,8 +87,8 @@ impl Group<'_> {
         Ok((warnings, unclear))
     }
 
-    /// Aligns every member and its mirror image to the mean of the others. If a member is mirrored in `round`, its
-    /// mirrored form is treated as the member itself.
+    /// Aligns every member and its mirror image to the mean of the other members. If a member is mirrored in `round`,
+    /// its mirrored form is treated as the member itself.
     pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
         let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
         let image = |index: usize| self.handed(index, !round.members[index].pose.mirrors(), &round.without(index));
@@ -94,7 +96,8 @@ impl Group<'_> {
         Ok(own.into_iter().zip(images).map(|(own, image)| Judged { own, image }).collect())
     }
 
-    /// Refines a member against a target from its current pose, keeping its current handedness.
+    /// Refines the alignment of a member to a target, starting from the member's current pose and keeping its
+    /// handedness.
     fn continued(&self, index: usize, now: Pose, target: &Target) -> Pose {
         let (Some(plan), true) = (&self.plan, self.units[index].norm > 0.0) else {
             return self.handed(index, now.mirrors(), target);

@@ -69,7 +69,7 @@ fn sizes_are_taken_away_if_asked_for() {
 fn a_mirrored_member_is_said() {
     let mut members: Vec<_> = (0..4).map(|n| posed(&perturbed(n, 0.02), &some_pose(n))).collect();
     assert_eq!(together(&members).report.warnings, []);
-    // Member 2 is mirrored together with its sphere, and then in space alone, which turns it inside out.
+    // Member 2 is mirrored in two ways: together with its sphere, or in space alone, which turns it inside out.
     for antipodal in [true, false] {
         members[2] = posed(&reflected(&perturbed(2, 0.02)), &Transform { antipodal, ..some_pose(9) });
         let found = together(&members).report;
@@ -83,8 +83,8 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are rarely
-/// reported, and unmirrored hippocampi never.
+/// Mirrored members are reported even if the differences between bodies are a third as large as their common shape.
+/// Mirrored hippocampi are rarely reported, and unmirrored hippocampi never.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {
@@ -218,7 +218,8 @@ proptest! {
     }
 }
 
-/// Slightly different members end in the same pose, even if their surfaces and spheres were rotated against each other.
+/// Members that differ slightly are brought to the same pose, even if their surfaces and spheres were rotated against
+/// each other.
 #[test]
 fn a_group_by_its_surfaces_comes_together_from_any_pose() {
     let members: Vec<Coefficients> = (0..5).map(|n| perturbed(n, 0.02)).collect();
@@ -230,7 +231,7 @@ fn a_group_by_its_surfaces_comes_together_from_any_pose() {
         let turned: Vec<Coefficients> =
             members.iter().enumerate().map(|(n, member)| posed(member, &some_pose(seed + n))).collect();
         let found = procrustes(&turned, &params, &Silent).unwrap();
-        // The reported mean and distances equal the values computed from the aligned members.
+        // The reported mean and distances equal those computed from the aligned members.
         let moved: Vec<Coefficients> =
             turned.iter().zip(&found.transforms).map(|(member, t)| t.apply(member, &Silent).unwrap()).collect();
         let mean = crate::mean(&moved).unwrap();
@@ -276,7 +277,7 @@ fn two_sides_are_told_by_their_surfaces() {
     assert_eq!(mirrored, [1, 3, 5], "{:?}", found.report.warnings);
 }
 
-/// A mirrored member is detected by its surface even if it is much smaller than the others.
+/// A mirrored member is detected by its surface even if the member is much smaller than the other members.
 #[test]
 fn a_smaller_mirrored_member_is_told_by_its_surface() {
     let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };

@@ -1,14 +1,14 @@
-//! Computes confidence bands of the quality measures by a bootstrap over the members.
+//! Computes confidence bands for the quality measures by a bootstrap over the members.
 //!
-//! Members are drawn with replacement, and all measures are recomputed for the draw. If a member is excluded, all its
-//! copies in the draw are excluded as well. A draw contains only about 63 % of the distinct members. A shape's nearest
-//! member in the draw is farther away than its nearest member in the group, so a draw's measures are systematically
-//! larger than the group's. Bands are therefore the quantiles of the draws relative to their median, centred on the
-//! group's value. This corrects the bias caused by the resampling (B. Efron and R. J. Tibshirani, An Introduction to
-//! the Bootstrap (1993), chapter 10).
+//! Members are drawn with replacement, and all measures are recomputed for each draw. If a measure excludes a member,
+//! all its copies in the draw are excluded as well. A draw contains only about 63 % of the distinct members. A shape's
+//! nearest member in the draw is farther away than its nearest member in the group, so a draw's measures are
+//! systematically larger than the group's. Bands are therefore the quantiles of the draws relative to their median,
+//! centred on the group's value. This corrects the bias caused by the resampling (B. Efron and R. J. Tibshirani, An
+//! Introduction to the Bootstrap (1993), chapter 10).
 //!
 //! In draws from large groups, only 20 members are excluded, one at a time, and modes are computed from the leading
-//! `5 m + 50` coordinates.
+//! `5 m + 50` coordinates, where m is the maximum number of modes.
 
 use ndarray::{Array2, s};
 use rand_chacha::ChaCha8Rng;
@@ -22,7 +22,7 @@ use crate::ShapeError;
 
 /// Maximum number of members that are excluded, one at a time, from a draw of the bootstrap.
 const LEFT_OUT: usize = 20;
-/// Quantiles of a 95 % band.
+/// Quantiles that bound a 95 % band.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
 /// Index of the first stream of random numbers for the bootstrap draws. The streams of random shapes have lower
 /// indices.

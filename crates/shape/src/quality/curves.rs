@@ -18,7 +18,7 @@ pub(super) const LEFT_OUT: usize = 200;
 /// errors, without a meaningful direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// Measures of the first k modes, for k = 1 to m.
+/// Compactness, generalisation and specificity of the first k modes, for k = 1 to m.
 pub(super) struct Curves {
     pub(super) compactness: Vec<f64>,
     pub(super) generalisation: Vec<f64>,
@@ -31,7 +31,7 @@ pub(super) struct Model {
     pub(super) scores: Array2<f64>,
     /// Variances along the modes, in decreasing order.
     pub(super) variances: Vec<f64>,
-    /// Index of the member to which each row belongs.
+    /// For each row, the index of the member to which it belongs.
     pub(super) rows: Vec<usize>,
     /// Weights (modes, rows): each mode is a weighted sum of the members' rows, with the weights in the mode's row of
     /// this matrix.
@@ -63,8 +63,8 @@ impl Model {
         self.variances.iter().sum()
     }
 
-    /// Returns the fractions of the variance along the first k modes, for k = 1 to `most`; 1 for a group without
-    /// variance.
+    /// For each k from 1 to `most`, returns the fraction of the total variance that lies along the first k modes; 1 if
+    /// the group has no variance.
     pub(super) fn compactness(&self, most: usize) -> Vec<f64> {
         let total = self.total();
         let mut sum = 0.0;
@@ -92,8 +92,8 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
 
 /// An excluded member, compared with the modes of the other members.
 pub(super) struct Left {
-    /// For k = 1 to m, the distance of the member from its nearest shape in the model with the first k modes of the
-    /// other members. If the other members have fewer than k modes, the model has all of their modes.
+    /// For k = 1 to m, the distance of the member from the nearest shape that the first k modes of the other members
+    /// can form. If the other members have fewer than k modes, all of their modes are used.
     pub(super) distances: Vec<f64>,
     /// Index of the excluded member.
     pub(super) member: usize,
@@ -200,7 +200,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
         .collect()
 }
 
-/// Returns the mean of the given rows of m numbers.
+/// Returns the elementwise mean of `rows`, each of which has `most` numbers.
 pub(super) fn mean_of<'a>(rows: impl Iterator<Item = &'a [f64]>, most: usize) -> Vec<f64> {
     let (mut sum, mut count) = (vec![0.0; most], 0_usize);
     for row in rows {

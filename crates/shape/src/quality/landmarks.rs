@@ -22,7 +22,7 @@ use crate::ShapeError;
 use crate::extent::extent;
 use crate::geometry::{local_geometry, tangent_frame};
 
-/// Maximum number of Gauss-Newton steps from a facet to the smooth surface.
+/// Maximum number of Gauss-Newton steps that move a point from a facet to the smooth surface.
 const STEPS: usize = 10;
 
 /// Landmark errors of n members with p landmarks each, in the members' unit.
@@ -89,7 +89,7 @@ pub(super) fn landmark_errors(
     let found: Vec<Vec<(Vec3, f64)>> = found.into_iter().collect::<Result<_, _>>()?;
     let all: Vec<Vec3> = found.iter().flatten().map(|(u, _)| *u).collect();
     let all = Directions::from_vertices(&all)?;
-    // The points of each member at the landmark directions of all members.
+    // Points on each member's surface at the landmark directions of all members.
     let carried: Vec<Vec<Vec3>> =
         members.par_iter().map(|member| evaluate(&all, member)).collect::<Result<_, ShapeError>>()?;
     let error = |i: usize, k: usize, place: usize| {

@@ -1,9 +1,9 @@
-//! Measures the quality of a group's correspondence. The measures are compactness, generalisation and specificity of
-//! the group's modes, with points weighted by surface area, and errors of landmarks. Generalisation and specificity are
-//! also measured by the distance between surfaces.
+//! Measures the quality of a group's correspondence. The measures are the compactness, generalisation and specificity
+//! of the group's modes, with points weighted by surface area, and the errors of landmarks. Generalisation and
+//! specificity are also measured by the distance between surfaces.
 //!
 //! Members are evaluated at the directions u of an icosphere, which gives points x_i(u). The weight w(u) of a direction
-//! is the fraction of a member's area that belongs to the vertex, averaged over the members, so that
+//! is the fraction of a member's area that belongs to the vertex at u, averaged over the members, so that
 //!
 //! ```text
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - c, x_j - c>,    c = mean of the x_i
@@ -13,8 +13,9 @@
 //! less suitable, because a thin process of the surface may occupy most of the directions. The members' centres of area
 //! are moved to the origin. The measures of the first k modes, k = 1 to m, are:
 //!
-//! - *compactness*: the fraction of the variance along the modes;
-//! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all other members;
+//! - *compactness*: the fraction of the total variance that lies along the modes;
+//! - *generalisation*: the mean distance of a member from the nearest shape that the modes of all other members can
+//!   form;
 //! - *specificity*: the mean distance of a random combination of the modes from the nearest member.
 //!
 //! These measures are from M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI
@@ -51,22 +52,22 @@ pub use params::{Curve, QualityParams};
 /// Quality of a group of n members; lengths are in the members' unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroupQuality {
-    /// Variance of the group along all modes, area-weighted, in the square of the unit.
+    /// Total variance of the group along all modes, area-weighted, in the squared unit of the members' lengths.
     pub variance: f64,
     /// Variance along each of the m modes.
     pub variances: Vec<f64>,
-    /// Fraction of the variance along the first k modes.
+    /// Fraction of the total variance that lies along the first k modes.
     pub compactness: Curve,
-    /// Mean distance of a member from its nearest shape in the first k modes of the other members.
+    /// Mean distance of a member from the nearest shape that the first k modes of the other members can form.
     pub generalisation: Curve,
-    /// Mean distance of a random shape from the nearest member.
+    /// Mean distance of a random combination of the first k modes from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if requested. Its band is from a bootstrap over the members'
-    /// distances. The modes aren't recomputed for each draw.
+    /// Generalisation measured by the distance between surfaces, if requested. Its band is from a bootstrap over the
+    /// members' distances. The modes aren't recomputed for each draw.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces, without a band, if requested. It is computed for the first 100
-    /// random shapes. Each shape is compared with the two members that are nearest at corresponding points, and the
-    /// smaller distance is used.
+    /// Specificity measured by the distance between surfaces, without a band, if requested. It is computed for the
+    /// first 100 random shapes. Each shape is compared with the two members that are nearest at corresponding points,
+    /// and the smaller distance is used.
     pub surface_specificity: Option<Curve>,
     /// Errors of the landmarks, if landmarks were given.
     pub landmarks: Option<LandmarkErrors>,
@@ -74,8 +75,8 @@ pub struct GroupQuality {
 
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Measures the quality of at least 3 corresponding surfaces of any degrees. `landmarks` has a list of points for each
-/// member, in the member's frame, with the same landmarks in the same order.
+/// Measures the quality of the correspondence between at least 3 surfaces, whose degrees may differ. `landmarks` has a
+/// list of points for each member, in the member's frame, with the same landmarks in the same order.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///

@@ -11,7 +11,8 @@ pub struct QualityParams {
     pub bands: usize,
     /// Number of subdivisions of the icosphere; 4 subdivisions give 2,562 directions.
     pub subdivisions: u32,
-    /// Whether members are first aligned rigidly at equal directions, weighted by area.
+    /// Whether members are first aligned by rigid motions that minimise the area-weighted distances between points at
+    /// equal directions.
     pub rigid: bool,
     /// Whether distances between surfaces are also measured, which takes most of the time.
     pub surfaces: bool,

@@ -21,7 +21,7 @@ const ROUNDS: usize = 5;
 
 const STAGE: Stage = Stage::counted("evaluate", "models");
 
-/// Members of a group at the directions of an icosphere.
+/// Points on the members of a group at the directions of an icosphere.
 pub(super) struct Points {
     /// Triangles of the icosphere.
     pub(super) faces: Vec<[u32; 3]>,
@@ -98,7 +98,8 @@ impl Points {
         }
     }
 
-    /// Rotates each member to the mean of all members by least squares at equal directions, weighted by area.
+    /// Rotates each member to the mean of all members, minimising the area-weighted sum of the squared distances
+    /// between points at equal directions.
     pub(super) fn bring_together(&mut self) {
         for _ in 0..ROUNDS {
             let mean = self.mean();

@@ -1,5 +1,5 @@
-//! Computes generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances
-//! from the points of each surface to the nearest points of the other surface.
+//! Computes the generalisation and specificity measured by the distance between surfaces: the area-weighted mean of the
+//! distances from the points of each surface to the nearest points of the other surface.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -10,7 +10,7 @@ use super::curves::{Left, Model, Near};
 use super::points::Points;
 use crate::ShapeError;
 
-/// Number of random shapes that are compared by their surfaces.
+/// Number of random shapes whose surfaces are compared with members' surfaces.
 const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
@@ -19,7 +19,7 @@ const STAGE: Stage = Stage::counted("surfaces", "shapes");
 /// or shape for 1 mode, 2 modes, and so on.
 type Rows = Vec<Vec<f64>>;
 
-/// A surface with its search tree and area weights, prepared for distances in both directions.
+/// A surface with its search tree and area weights, prepared for measuring distances to and from other surfaces.
 struct Side {
     vertices: Vec<Vec3>,
     shares: Vec<f64>,
@@ -34,8 +34,8 @@ impl Side {
     }
 
     /// Returns the mean distance to the other surface, or infinity if `before` plus this distance exceeds `most`. For
-    /// each vertex, `near` (V) has the triangle of the other surface from which the search starts. The search replaces
-    /// it by the nearest triangle.
+    /// each vertex, `near` (V) has the triangle of the other surface at which the search for the nearest point starts,
+    /// and receives the nearest triangle.
     fn mean_to(&self, other: &Self, near: &mut [u32], before: f64, most: f64) -> f64 {
         let mut sum = 0.0;
         for ((p, share), near) in self.vertices.iter().zip(&self.shares).zip(near) {
@@ -50,7 +50,8 @@ impl Side {
         sum
     }
 
-    /// Returns the average of the mean distances in both directions, or infinity if the average is above `most`.
+    /// Returns the average of the mean distances from each surface to the other, or infinity if the average is above
+    /// `most`.
     fn distance(&self, other: &Self, nearby: &mut Nearby, most: f64) -> f64 {
         let there = self.mean_to(other, &mut nearby.there, 0.0, 2.0 * most);
         if there.is_infinite() {
@@ -69,8 +70,8 @@ struct Nearby {
 }
 
 impl Nearby {
-    /// Returns the triangles from which the first searches start: a triangle at each vertex, because the surfaces
-    /// correspond.
+    /// Returns the triangles from which the first searches start. For each vertex, this is one of the vertex's own
+    /// triangles, because the surfaces correspond vertex by vertex.
     fn at_vertices(points: &Points) -> Self {
         let mut at = vec![0; points.weights.len()];
         for (triangle, face) in (0..).zip(&points.faces) {

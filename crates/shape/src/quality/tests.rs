@@ -24,7 +24,8 @@ fn params() -> QualityParams {
     QualityParams { subdivisions: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() }
 }
 
-/// Returns rows of `sqrt(w) x`, (n, 3 V), whose unweighted distances equal the weighted distances between the points.
+/// Returns a matrix (n, 3 V) with a row `sqrt(w) x` for each member, so that the unweighted distances between rows
+/// equal the weighted distances between the members' points.
 fn rows(points: &Points) -> Array2<f64> {
     let value = |(i, k): (usize, usize)| points.members[i][k / 3][k % 3] * points.weights[k / 3].sqrt();
     Array2::from_shape_fn((points.members.len(), 3 * points.weights.len()), value)
@@ -34,8 +35,8 @@ fn norm(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().map(|value| value * value).sum::<f64>().sqrt()
 }
 
-/// Returns the distance of a member from the span of the first modes of the other members, by power iteration on the
-/// points.
+/// Returns the distance of a member from the span of the first modes of the other members. The modes are found by power
+/// iteration on the members' points.
 fn left_out(y: &Array2<f64>, member: usize, modes: usize) -> f64 {
     let others: Vec<usize> = (0..y.nrows()).filter(|i| *i != member).collect();
     let there = y.select(Axis(0), &others);
@@ -184,7 +185,8 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     for (left, found) in left.iter().zip(&general) {
         for k in 0..2 {
             let shape = points.combined(&left.factors[k]);
-            // The factors reproduce the shape whose distance by points was returned.
+            // The factors reproduce the shape whose distance from the member, between corresponding points, was
+            // returned.
             let square: f64 = shape
                 .iter()
                 .zip(&points.members[left.member])

@@ -42,7 +42,7 @@ pub(crate) fn identity(subjects: usize) -> Relabelling {
 #[derive(Debug, Clone)]
 struct Set {
     units: Vec<Unit>,
-    /// Index of one unit of each class of units with equal rows.
+    /// For each class of units with equal rows of the design, the index of one unit.
     distinct: Vec<usize>,
     /// Number of units in each class.
     counts: Vec<u64>,
@@ -87,7 +87,7 @@ impl Set {
     }
 }
 
-/// Assigns the rows of the unit `rows_of` to the subjects of `unit`, in order.
+/// Assigns the rows of the unit `rows_of` to the subjects of `unit`, pairing them in order.
 fn put(unit: &Unit, rows_of: &Unit, relabelling: &mut Relabelling) {
     unit.iter().zip(rows_of).for_each(|(subject, from)| relabelling[*subject as usize].0 = *from);
 }
@@ -290,14 +290,14 @@ mod tests {
         let within = Blocks::new(names, Exchange::Within).sets();
         let all = Arrangements::new(rows.view(), within.clone(), Resampling::Permutations, 10, 20_000, 0);
         let found: HashSet<String> = all.range(0, all.count).iter().map(|of| format!("{of:?}")).collect();
-        // Both members of block c are equal.
+        // The two observations of block c have equal rows, so exchanging them isn't counted.
         assert!(all.exact && all.count == 8 && found.len() == 8);
         for of in all.range(0, 8) {
             assert!(of.iter().enumerate().all(|(i, (from, _))| i / 2 == *from as usize / 2));
         }
         let whole = Blocks::new(names, Exchange::Whole).sets();
         let all = Arrangements::new(rows.view(), whole.clone(), Resampling::Permutations, 10, 20_000, 0);
-        // Blocks a, b and d are equal.
+        // Blocks a, b and d have equal rows, so only the four positions of block c are counted.
         assert_eq!(all.count, 4);
         assert!(all.range(0, 4).iter().flat_map(|of| of.chunks(2)).all(|pair| pair[0].0 + 1 == pair[1].0));
         let flips = Arrangements::new(rows.view(), whole, Resampling::SignFlips, 10, 20_000, 0);

@@ -3,8 +3,8 @@
 //!
 //! The statistics are from A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation
 //! inference for the general linear model", NeuroImage 92 (2014), section 2.5. Variance group g has n_g observations
-//! with the residuals `E_g`. `R` is the residual-forming matrix, B are the least-squares coefficients, and C is the
-//! contrast, with q rows:
+//! with the residuals `E_g`. X (n, p) is the design, R is its residual-forming matrix, B are the least-squares
+//! coefficients, and C is the contrast, with q rows:
 //!
 //! ```text
 //! w_g = sum of R_ii over g / |E_g|^2,   W = diag of w_g,
@@ -16,7 +16,8 @@
 //!
 //! Relabellings are compared by v or G. If groups share a coefficient, `(X^T W X)^-1` isn't the covariance of B but the
 //! covariance of weighted estimates. Standard errors, margins and uncorrected p values are therefore based on the
-//! covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii` and `C B = U^T Q^T y`.
+//! covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii`. Q (n, p) is an
+//! orthonormal basis of the design, Q_g has its rows for group g, and U is defined by `C B = U^T Q^T y` for values y.
 //! With `V_g` the term of group g, `f_g` its sum of `R_ii`, `a_g = tr (V_g V^-1)^2` and `b_g = (tr V_g V^-1)^2`,
 //!
 //! ```text
@@ -29,11 +30,11 @@
 //!
 //! # Relabellings
 //!
-//! Q is an orthonormal basis of the design. For a relabelled study y, the statistics are computed from `Q_g^T y_g` and
-//! `|y_g|^2` for each of K variance groups g. These are products of at most `K (p + 1)` rows of length n with arrays
-//! (n, V). At a vertex, the coefficients are `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T
-//! Q_g^T Q_g a`. Then a matrix of order p is factorised by Cholesky's method. Cost: `2 n V K (p + 1)` flops and about
-//! `V p^3` per relabelling. Memory: `16 n V` bytes.
+//! For a relabelled study y, the statistics are computed from `Q_g^T y_g` and `|y_g|^2` for each of K variance groups
+//! g. These are products of at most `K (p + 1)` rows of length n with arrays (n, V). At a vertex, the coefficients are
+//! `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`. Then a matrix of order p is
+//! factorised by Cholesky's method. Cost: `2 n V K (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V`
+//! bytes.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
@@ -52,7 +53,8 @@ pub(crate) struct AspinWelch {
     /// Residuals of the reduced model (n, V); `squares` holds the squares of the residuals.
     residuals: Array2<f64>,
     squares: Array2<f64>,
-    /// Threshold at each vertex (V): a sum of squared errors up to this value consists of rounding errors.
+    /// Threshold at each vertex (V): a sum of squared errors is treated as a rounding error if it is at most this
+    /// value.
     floor: Vec<f64>,
     /// Orthonormal basis (n, p) of the design; `contrast` (p, q) is the contrast in this basis.
     basis: Array2<f64>,
@@ -89,7 +91,7 @@ struct AtVertex {
 }
 
 impl AspinWelch {
-    /// Prepares values (n, V), given the variance group of each of the n subjects.
+    /// Prepares the computation for `values` (n, V), given the variance group of each of the n subjects.
     ///
     /// # Errors
     ///

@@ -12,7 +12,7 @@ use ndarray::{ArrayView2, Axis};
 
 use super::design::{Design, dot, orthonormalise};
 
-/// Relabellings that blocks allow.
+/// Kind of relabelling that blocks allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exchange {
     /// Observations are exchanged only within their block, and signs are flipped independently.
@@ -60,7 +60,7 @@ impl Blocks {
         self.of.iter().max().map_or(0, |last| last + 1)
     }
 
-    /// Returns the relabellings that the blocks allow.
+    /// Returns the kind of relabelling that the blocks allow.
     #[must_use]
     pub fn exchange(&self) -> Exchange {
         self.exchange

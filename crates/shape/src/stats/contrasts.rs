@@ -35,7 +35,7 @@ impl Design {
                 weights[column] += weight;
             }
             if weights.iter().all(|weight| *weight == 0.0) {
-                let expected = "a combination of columns with a nonzero weight";
+                let expected = "a combination of columns with at least one nonzero weight";
                 return Err(ShapeError::Contrast { expected, found: format!("{:?}", text.as_ref()) });
             }
         }
@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(parsed("\"a - b\" - c", &names).unwrap(), [(1.0, 2), (-1.0, 4)]);
         assert_eq!(parsed("\"a\" - \"b\"", &names).unwrap(), [(1.0, 0), (-1.0, 1)]);
         assert_eq!(parsed("b - 1/2 \"a - b\"", &names).unwrap(), [(1.0, 1), (-0.5, 2)]);
-        assert_eq!(parsed("c+d - c", &names).unwrap(), [(1.0, 3), (-1.0, 4)], "d is no column");
+        assert_eq!(parsed("c+d - c", &names).unwrap(), [(1.0, 3), (-1.0, 4)], "d isn't a column");
         assert!(parsed("\"d - e\" - c", &names).unwrap_err().contains("found \"d - e\""));
     }
 

@@ -12,7 +12,8 @@ pub struct Design {
     names: Vec<String>,
 }
 
-/// A column is linearly dependent if its part orthogonal to the preceding columns is at most this fraction of its norm.
+/// A column is treated as linearly dependent if the norm of its part orthogonal to the preceding columns is at most
+/// this fraction of the column's norm.
 const DEPENDENT: f64 = 1e-9;
 
 impl Design {
@@ -106,7 +107,8 @@ impl Design {
     }
 }
 
-/// Weights of a design's columns, in one or more rows c. The null hypothesis is that `c^T B` is zero for each row.
+/// Weights of a design's columns, in one or more rows c. The null hypothesis is that `c^T B` is zero for each row,
+/// where B are the coefficients of the linear model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contrast {
     /// Weights (q, p) of full row rank.

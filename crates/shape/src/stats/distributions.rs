@@ -30,8 +30,8 @@ fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
         return 0.0;
     }
     let (x, rest) = (u / (u + v), v / (u + v));
-    // Beyond this x, near the mean of the beta distribution, the result isn't small, and `rest` is more precise than
-    // `1 - x`. `beta_reg` changes between its two continued fractions at the same x.
+    // This x is near the mean of the beta distribution. Above it the result isn't small, and `rest` is more precise
+    // than `1 - x`. `beta_reg` changes between its two continued fractions at the same x.
     if x <= (a + 1.0) / (a + b + 2.0) { beta_reg(a, b, x) } else { 1.0 - beta_reg(b, a, rest) }
 }
 
@@ -68,7 +68,7 @@ mod tests {
         (0.01, 1.0, 5.0, 0.9242301411546604),
     ];
 
-    // Tails of many degrees of freedom, where t^2 is smaller than v; from mpmath with 50 digits.
+    // Tail probabilities for many degrees of freedom, where t^2 is smaller than v; computed by mpmath with 50 digits.
     const FAR_TAILS_OF_T: [(f64, f64, f64); 6] = [
         (8.5, 98.0, 2.1500343038896949e-13),
         (9.5, 98.0, 1.4734304035394667e-15),
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn small_tails_keep_their_precision_with_many_degrees_of_freedom() {
-        // Both x^a and the beta function amplify errors of rounding by the number of degrees of freedom.
+        // Both x^a and the beta function amplify rounding errors in proportion to the number of degrees of freedom.
         let close = |found: f64, p: f64, freedom: f64| {
             assert!((found / p - 1.0).abs() < 1e-14 * freedom.max(100.0), "{found:e}, {p:e}")
         };

@@ -1,4 +1,5 @@
-//! Fits the linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
+//! Fits the linear model at each vertex, and computes t, F or Hotelling's `T^2`, and effects with their confidence
+//! intervals.
 //!
 //! The orthonormal bases of the design, which has p columns, are from `projection`. Q_E (n, q) is the basis of the part
 //! that a contrast of q rows tests, and Y (n, d) are the values at a vertex. With b = Q_E^T Y and T = |residual of the
@@ -51,7 +52,7 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    /// Returns the two-sided p value that belongs to `statistic`.
+    /// Returns the two-sided p value of `statistic`.
     pub(crate) fn p(&self, statistic: f64) -> f64 {
         match *self {
             Self::T { freedom } => p_of_t(statistic, freedom),
@@ -113,7 +114,7 @@ pub(crate) fn check(
     check_design(components, design, contrast, params)
 }
 
-/// Checks the design, the contrast and the settings, without the values.
+/// Checks the design, the contrast and the settings, which is possible before the values are available.
 pub(crate) fn check_design(
     components: usize,
     design: &Design,

@@ -1,4 +1,5 @@
-//! Tests whether an effect within blocks differs between blocks, such as the rate of growth between children.
+//! Tests whether an effect within blocks differs between blocks, for example, whether the rate of growth differs
+//! between children.
 //!
 //! Relabellings within blocks assume that the effect is equal in all blocks. Otherwise, differences between the blocks'
 //! effects add to the estimate's variance, but not to the variance of the relabelled estimates. The model is compared
@@ -17,8 +18,8 @@ use super::linear::floors;
 use super::projection::{Projection, without};
 use crate::product::{COLUMNS, product};
 
-/// Each column of the effect is a unit vector over the rows. A block's part of such a vector is treated as a rounding
-/// error if its norm is at most this value.
+/// Each column of the effect, over the rows of the design, is a unit vector. A block's part of such a vector is treated
+/// as a rounding error if its norm is at most this value.
 const SMALLEST: f64 = 1e-6;
 
 /// The comparison is skipped if there are more rows than this, because G, a square matrix with as many rows, would take

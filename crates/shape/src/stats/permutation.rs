@@ -85,8 +85,8 @@ pub struct FamilyWise {
 
 /// Number of relabellings whose matrix products are computed together.
 const BATCH: usize = 64;
-/// Number of random relabellings that are examined to estimate what fraction of all relabellings leaves the statistics
-/// unchanged.
+/// Number of random relabellings that are examined to estimate the fraction of all relabellings that leave the
+/// statistics unchanged.
 const LOOKED: usize = 1000;
 /// Relative difference up to which statistics are treated as equal, because of rounding errors.
 const TIE: f64 = 1e-9;
@@ -320,7 +320,7 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
     (1.0 + others) / arrangements.count as f64
 }
 
-/// Prepared values from which the statistics of relabelled studies are evaluated.
+/// Data prepared for computing the statistics of relabelled studies.
 enum Share<'a> {
     /// Evaluates the fraction of the scatter that the effect explains, for pooled variances.
     Explained(Explained<'a>),

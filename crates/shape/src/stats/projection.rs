@@ -53,7 +53,7 @@ impl Projection {
         without(self.nuisance.view(), values.to_owned())
     }
 
-    /// Returns whether the reduced model's span contains a constant, so that residuals have zero mean.
+    /// Returns whether the reduced model's span contains the constant vector, so that residuals have zero mean.
     pub(crate) fn keeps_constant(&self) -> bool {
         let n = self.nuisance.nrows() as f64;
         let along: f64 = self.nuisance.columns().into_iter().map(|column| column.sum().powi(2)).sum();

@@ -26,7 +26,7 @@ pub enum Resampling {
 }
 
 impl Resampling {
-    /// Returns the name of the kind.
+    /// Returns the name of this kind of relabelling.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

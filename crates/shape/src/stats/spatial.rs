@@ -105,7 +105,7 @@ pub struct SpatialParams {
     pub surface: SurfaceGraph,
     /// Whether to compute TFCE.
     pub tfce: bool,
-    /// Uncorrected p value below which vertices form clusters, in (0, 1), usually 0.001; `None` omits clusters.
+    /// Uncorrected p value, in (0, 1), below which vertices belong to clusters; usually 0.001. `None` omits clusters.
     pub cluster: Option<f64>,
 }
 
@@ -159,7 +159,7 @@ pub(crate) struct Regions<'a> {
     /// Parent of each vertex in the forest. A root is its own parent. Vertices that haven't been added yet have the
     /// value `OUTSIDE`.
     above: Vec<u32>,
-    /// Integral of each vertex minus its parent's integral; for a root, the integral itself.
+    /// TFCE integral of each vertex minus its parent's integral; for a root, the integral itself.
     integral: Vec<f64>,
     /// For each root of the forest, the area of the connected region that the root represents. `height` is the height
     /// down to which the region's integrals are computed, and `best` is the largest of these integrals.
@@ -184,7 +184,8 @@ impl<'a> Regions<'a> {
         }
     }
 
-    /// Returns the largest TFCE and the largest area of a cluster above `threshold`, over both signs.
+    /// Returns the largest TFCE and the largest area of a cluster above `threshold`, among positive and negative
+    /// statistics.
     pub(crate) fn largest(&mut self, statistics: &[f64], tfce: bool, threshold: Option<f64>) -> Largest {
         let mut largest = Largest::default();
         for sign in [1.0, -1.0] {

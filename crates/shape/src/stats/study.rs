@@ -1,4 +1,4 @@
-//! Creates designs from tables of subjects: a term to test, and covariates to account for.
+//! Creates designs from tables of subjects. A design has columns for the term to test, and for covariates.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +28,7 @@ pub struct Question {
     pub level_of: Vec<String>,
     /// Terms that the design accounts for: covariates, and the columns of interactions.
     pub covariates: Vec<Term>,
-    /// Names and distinct values of the columns that are treated as numbers but may be codes of levels.
+    /// Names and distinct values of the columns that are treated as numbers but may be codes for levels.
     pub codes: Vec<(String, Vec<f64>)>,
     /// Warnings about the columns.
     pub warnings: Vec<TestWarning>,
@@ -237,7 +237,8 @@ fn of_levels(of: &[String], levels: &[String]) -> Tested {
     }
 }
 
-/// Returns the interaction of levels and numbers: differences between the slopes within the levels.
+/// Returns the columns and the contrast for the interaction of levels and numbers. The contrast tests differences
+/// between the slopes within the levels.
 fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64])) -> Result<Tested, ShapeError> {
     let centred = centred(numbers);
     let slope = |level: &String| (format!("{level}:{name}"), times(&indicator(of, level), &centred));
@@ -256,7 +257,8 @@ fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64
     })
 }
 
-/// Returns the interaction of two columns of levels: differences of differences between the cells' means.
+/// Returns the columns and the contrast for the interaction of two columns of levels. The contrast tests differences of
+/// differences between the means of the cells, that is, the pairs of levels.
 fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> Result<Tested, ShapeError> {
     let level_of: Vec<String> = of[0].iter().zip(of[1]).map(|(a, b)| format!("{a}:{b}")).collect();
     let mut cells = Vec::new();
@@ -343,7 +345,7 @@ fn check(n: usize, terms: &[&Term]) -> Result<(), ShapeError> {
     Ok(())
 }
 
-/// Returns columns of numbers that may be codes of levels. Covariates with two values aren't included, because the
+/// Returns the columns of numbers that may be codes for levels. Covariates with two values aren't included, because the
 /// model is the same whether they are numbers or levels.
 fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>)> {
     let of = |terms: &[Term], least: usize| {
@@ -363,8 +365,8 @@ fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>
     codes
 }
 
-/// Returns warnings about levels of a column that differ only in case or in surrounding spaces, and about numbers far
-/// from all others.
+/// Returns warnings about levels of a column that differ only in case or in surrounding spaces, and about numbers that
+/// are far from the other numbers in their column.
 fn doubts(terms: &[&Term]) -> Vec<TestWarning> {
     let mut found: Vec<TestWarning> = Vec::new();
     for (name, column) in terms.iter().flat_map(|term| term.columns()) {

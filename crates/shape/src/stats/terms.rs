@@ -10,7 +10,7 @@ use crate::ShapeError;
 pub enum Column {
     /// Numbers, such as age or volume.
     Numbers(Vec<f64>),
-    /// Levels, such as group, sex or site.
+    /// Names of levels, such as a group, a sex or a site.
     Levels(Vec<String>),
 }
 
@@ -39,7 +39,7 @@ impl Column {
         }
     }
 
-    /// Returns the distinct values of a column of numbers that may be codes of levels: at most six distinct integers,
+    /// Returns the distinct values of a column of numbers that may be codes for levels: at most six distinct integers,
     /// and fewer distinct integers than subjects. Returns `None` for other numbers and for levels.
     ///
     /// ```
@@ -68,7 +68,7 @@ impl Column {
     }
 }
 
-/// A column of integers with at most this number of distinct values may contain codes of levels. A column with more
+/// A column of integers with at most this number of distinct values may contain codes for levels. A column with more
 /// distinct values contains measurements.
 const MAX_CODES: usize = 6;
 
@@ -125,7 +125,7 @@ impl fmt::Display for Term {
     }
 }
 
-/// Returns the distinct levels, sorted.
+/// Returns the distinct levels in sorted order.
 pub(crate) fn distinct(levels: &[String]) -> Vec<String> {
     levels.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect()
 }
@@ -142,26 +142,26 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
     }
 }
 
-/// Minimum number of values for which a value may be treated as far from the others. The quartiles of fewer values
-/// don't show whether a value is far away.
+/// Minimum number of values in a column for one value to be treated as far from the other values. The quartiles of
+/// fewer values don't show whether a value is far away.
 const FEWEST: usize = 8;
-/// Distance from the median, in interquartile ranges, beyond which a number is far from the others.
+/// Distance from the median, in interquartile ranges, beyond which a number is treated as far from the other numbers.
 const FAR: f64 = 20.0;
 
-/// Numbers of at least this absolute value look like codes of missing values, such as 1e30 or the largest number of a
+/// Numbers of at least this absolute value look like codes for missing values, such as 1e30 or the largest number of a
 /// type.
 const HUGE: f64 = 1e30;
 
-/// Returns whether a number looks like a code of a missing value: -1, a number whose digits are all 7, all 8 or all 9,
+/// Returns whether a number looks like a code for a missing value: -1, a number whose digits are all 7, all 8 or all 9,
 /// such as -999 and 99.9, or a huge number. The distance from the median isn't a sufficient criterion, because the
-/// largest numbers of skewed data may be far from the others as well.
+/// largest numbers of skewed data may also be far from the other numbers.
 fn is_like_code(number: f64) -> bool {
     let digits: Vec<char> = number.abs().to_string().chars().filter(|digit| *digit != '.').collect();
     let repeats = ['7', '8', '9'].contains(&digits[0]) && digits.iter().all(|digit| *digit == digits[0]);
     number == -1.0 || repeats || number.abs() >= HUGE
 }
 
-/// Checks whether the number that is farthest from the median may be a code of a missing value, such as -999. If the
+/// Checks whether the number that is farthest from the median may be a code for a missing value, such as -999. If the
 /// number is far from the median and looks like a code, returns its row and the median, otherwise `None`.
 pub(crate) fn far(numbers: &[f64]) -> Option<(usize, f64)> {
     let n = numbers.len();
@@ -176,7 +176,7 @@ pub(crate) fn far(numbers: &[f64]) -> Option<(usize, f64)> {
     (range > 0.0 && distance(&row) > FAR * range && is_like_code(numbers[row])).then_some((row, median))
 }
 
-/// Names and values of columns of a design.
+/// Names and values of coded columns of a design.
 pub(crate) type Coded = Vec<(String, Vec<f64>)>;
 
 /// Returns numbers minus their mean.
@@ -190,7 +190,7 @@ pub(crate) fn indicator(of: &[String], level: &str) -> Vec<f64> {
     of.iter().map(|other| f64::from(other == level)).collect()
 }
 
-/// Returns the product of two columns.
+/// Returns the elementwise product of two columns.
 pub(crate) fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }

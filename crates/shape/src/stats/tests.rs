@@ -26,7 +26,7 @@ fn without_permutations() -> TestParams {
     TestParams { permutations: None, ..TestParams::default() }
 }
 
-/// Returns the pooled t of two groups, by its definition.
+/// Returns the pooled t statistic of two groups, computed from its definition.
 fn pooled_t(y: &[f64], first: &[bool]) -> f64 {
     let of =
         |group: bool| -> Vec<f64> { y.iter().zip(first).filter(|(_, of)| **of == group).map(|(y, _)| *y).collect() };
@@ -106,7 +106,8 @@ fn all_relabellings_are_a_brute_force() {
     }
 }
 
-/// Returns the squared partial statistic of the last column of X, `b^2 / var(b)`, by an orthonormal basis.
+/// Returns the squared partial statistic of the last column of X, `b^2 / var(b)`, computed from an orthonormal basis of
+/// X.
 fn partial(x: &Array2<f64>, y: &Array2<f64>) -> f64 {
     let (q, _) = design::orthonormalise(x.view());
     let last = q.ncols() - 1;
@@ -172,7 +173,7 @@ fn vectors_with_covariates_agree_with_the_statistic() {
     order.sort_by(|a, b| found.statistic[*b].total_cmp(&found.statistic[*a]));
     assert!(family_wise.p[order[0]] <= family_wise.p[order[1]] && family_wise.p[order[1]] <= family_wise.p[order[2]]);
     assert!(family_wise.p.iter().zip(&family_wise.pointwise).all(|(family, own)| family >= own));
-    // With normal errors both p values would agree. With the errors of this test they are close.
+    // With normal errors the two p values would agree. With the errors in this test they are close.
     for v in 0..3 {
         assert!((family_wise.pointwise[v] - found.p[v]).abs() < 0.1, "{} {}", family_wise.pointwise[v], found.p[v]);
     }

@@ -22,7 +22,8 @@ struct Group {
     variance: f64,
 }
 
-/// Compares the total residual variances of groups in values (n, V d). A group consists of the subjects with equal
+/// Compares the residual variances of groups of subjects, summed over all columns of `values` (n, V d), which has a row
+/// for each of the n subjects and d columns for each of the V vertices. A group consists of the subjects with equal
 /// values in the columns that the contrast tests, which must be columns of zeros and ones (levels) or a single column
 /// with two distinct values. Of all pairs of groups whose sizes and variances both differ by more than the thresholds
 /// (see [`RATIO`]), returns a warning about the pair with the largest ratio of variances.

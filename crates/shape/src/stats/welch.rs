@@ -1,6 +1,6 @@
-//! Tests the difference of two groups of unequal variance.
+//! Tests the difference between the means of two groups of unequal variance.
 //!
-//! Group g has n_g subjects with the mean m_g and the standard deviation s_g, or the covariance S_g for several
+//! Group g has n_g subjects with the mean m_g and the standard deviation s_g, or the covariance S_g for d > 1
 //! components. For one component, the statistic is `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` with
 //! Satterthwaite's degrees of freedom (B. L. Welch, "The generalization of 'Student's' problem when several different
 //! population variances are involved", Biometrika 34 (1947)). For several components, the statistic is
@@ -81,7 +81,7 @@ pub(crate) fn statistics(
 struct Half {
     n: f64,
     mean: Vec<f64>,
-    /// Scatter matrix (d, d) about the mean.
+    /// Scatter matrix (d, d) about the group's mean.
     scatter: Array2<f64>,
 }
 
@@ -102,7 +102,7 @@ impl Half {
     }
 }
 
-/// Results of the test at a vertex. If the values have no variance there, statistic, p and size are NaN.
+/// Results of the test at a vertex. If the values have no variance at the vertex, statistic, p and size are NaN.
 struct Vertex {
     estimate: Vec<f64>,
     error: Vec<f64>,

@@ -48,7 +48,7 @@ fn hostile_heads_are_refused() {
     refuse("step", forge(&file, |head| head[16..24].copy_from_slice(&f64::NAN.to_le_bytes())));
     refuse("step", forge(&file, |head| head[16..24].copy_from_slice(&(-1.0f64).to_le_bytes())));
     refuse("finite", forge(&file, |head| head[16..24].copy_from_slice(&f64::MAX.to_le_bytes())));
-    refuse("no more bytes", forge(&file, |head| head.push(0)));
+    refuse("0 bytes after the last field", forge(&file, |head| head.push(0)));
     refuse("bytes", forge(&file, |head| head.truncate(20)));
     refuse(
         "zlib",

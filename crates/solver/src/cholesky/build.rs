@@ -1,4 +1,4 @@
-//! Computes factors in memory or into a store, and plans their memory and disk space.
+//! Computes Cholesky factors in memory or in a store, and plans the memory and disk space that they need.
 
 use std::path::Path;
 
@@ -18,7 +18,8 @@ use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Default number of rows and columns of a tile: a tile of f64 takes 128 KiB, which fits in the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
-/// Largest number of columns of a panel if the entire factor is in memory. Wider panels wouldn't be faster.
+/// Largest number of columns of a panel (the columns that are computed together) if the entire factor is in memory.
+/// Wider panels wouldn't be faster.
 const PANEL: usize = 1024;
 /// Largest number of columns of a panel if the factor is computed out of core. Out of core, wider panels save time,
 /// because less data is read from disk.
@@ -26,7 +27,7 @@ const WIDEST: usize = 4096;
 /// Bytes of memory for the program itself, its stacks and its allocator.
 const BASE: usize = 16 << 20;
 
-/// Parameters of a factorisation.
+/// Parameters of a Cholesky factorisation.
 #[derive(Debug, Clone)]
 pub struct FactorParams {
     /// Scalar type of the finished factor; default f64. The factor is computed in double precision in either case.
@@ -37,7 +38,7 @@ pub struct FactorParams {
     pub tile: usize,
     /// Memory budget in bytes; default 2 GiB.
     pub memory: usize,
-    /// Bytes of the budget already used by the Gram matrix and the caller; default 0.
+    /// Bytes of `memory` that the Gram matrix and the caller already use; default 0.
     pub held: usize,
     /// Number of threads; 0 (default) for the number of threads of the caller's rayon pool.
     pub threads: usize,
@@ -51,13 +52,13 @@ impl Default for FactorParams {
     }
 }
 
-/// Memory and disk space for computing a factor.
+/// Plan for computing a factor: panel width, memory, and disk space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct FactorPlan {
     /// Whether the entire factor is held in memory; otherwise finished columns are read back from the unfinished file.
     pub in_memory: bool,
-    /// Number of columns of a panel.
+    /// Number of the factor's columns that are computed together, as a panel.
     pub panel: usize,
     /// Bytes of memory for the factorisation.
     pub memory: usize,
@@ -75,19 +76,19 @@ pub struct FactorReport {
     pub file: FactorFile,
     /// Whether the factor already existed, or another builder published it during the computation.
     pub present: bool,
-    /// Planned memory in bytes; 0 if the factor already existed.
+    /// Memory planned for the computation in bytes; 0 if the factor already existed.
     pub memory: usize,
-    /// Warnings about a damaged file that was replaced.
+    /// Warning about a damaged file that was replaced; empty if no file was damaged.
     pub warnings: Vec<StoreWarning>,
 }
 
-/// Plans the factorisation of a matrix of `size` columns: in memory, or out of core if `disk` is set and the budget is
-/// too small for the factor.
+/// Plans the factorisation of a matrix with `size` columns, and divides the matrix into tiles. The factor is held in
+/// memory if the budget allows it. Otherwise it is computed out of core if `disk` is set.
 ///
 /// # Errors
 ///
 /// [`StoreError::Budget`], with the smallest sufficient budget, if the budget is too small even for the narrowest
-/// panels; [`StoreError::FactorLayout`] if the format doesn't allow the size or the number of tiles.
+/// panels; [`StoreError::FactorLayout`] if the store format doesn't allow the tile size or the number of tiles.
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
@@ -117,13 +118,13 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
     }
 }
 
-/// Plans the computation of a factor in a store, and checks memory and disk space before any work. Writes nothing.
+/// Plans the computation of a factor in a store, and checks that memory and disk space suffice. Writes nothing.
 ///
 /// # Errors
 ///
 /// [`StoreError::Budget`] if the memory budget is too small, [`StoreError::Space`] if the disk has too little free
-/// space or the factor is too large, [`StoreError::FactorLayout`] if the format doesn't allow the size or the number of
-/// tiles.
+/// space or the factor is too large, [`StoreError::FactorLayout`] if the store format doesn't allow the tile size or
+/// the number of tiles.
 pub fn plan_stored_factor(
     store: &Path,
     size: usize,
@@ -143,7 +144,7 @@ pub struct MemoryFactor {
     threads: usize,
 }
 
-/// Factorises G in memory.
+/// Computes the Cholesky factor of `source`, a matrix G, in memory.
 ///
 /// Reports one stage, `factor`, in flops, to the monitor.
 ///
@@ -169,8 +170,8 @@ pub fn factorise(
 
 /// Builds the factor described by `spec` into `store`, unless it already exists.
 ///
-/// G must have the weights and the penalty of `spec`, which are recorded in the file. Reports one stage, `factor`, in
-/// flops, to the monitor, unless the factor already exists.
+/// `source` (the matrix G) must have been computed with the weights and the penalty of `spec`, which are recorded in
+/// the file. Reports one stage, `factor`, in flops, to the monitor, unless the factor already exists.
 ///
 /// # Errors
 ///
@@ -215,7 +216,8 @@ pub fn build_factor(
     Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
 }
 
-/// Factorises `source` into `tiles`, then estimates the condition number by means of solves with the tiles.
+/// Factorises the matrix `source`, stores the factor in `tiles`, and estimates the condition number by solving with
+/// that factor.
 fn compute<T: Tiles + Finished>(
     source: &dyn GramMatrix,
     tiles: &T,
@@ -236,7 +238,7 @@ fn compute<T: Tiles + Finished>(
     Ok(Condition { norm, reciprocal })
 }
 
-/// Copies a factor from memory to an unpublished file.
+/// Copies a factor from memory to a file that isn't published yet.
 fn copy(tiles: &MemoryTiles, writer: &FactorWriter, monitor: &dyn Monitor) -> Result<(), SolverError> {
     let all: Vec<(usize, usize)> = tiles.grid().tiles().collect();
     all.into_par_iter().try_for_each_init(Vec::new, |values, (row, column)| {

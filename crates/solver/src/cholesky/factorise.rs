@@ -1,6 +1,8 @@
-//! Computes the factorisation by the left-looking algorithm, one panel of tile columns at a time.
+//! Computes the Cholesky factorisation G = C C^T of a K x K matrix by the left-looking algorithm, one panel of tile
+//! columns at a time.
 //!
-//! For each panel of columns J = [a, b), the source computes G[a.., J], and [`Kernels`] compute
+//! For each panel of columns J = [a, b), the matrix's source ([`GramMatrix`]) computes the rows from a downwards,
+//! G[a.., J], and [`Kernels`] compute
 //!
 //! ```text
 //! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, for about 512 columns k at a time)
@@ -10,8 +12,8 @@
 //!
 //! Then the finished tiles are stored. Earlier columns are read again for each panel. With panels of w columns, a
 //! factorisation reads 4 K^3 / (3 w) bytes in total, so wider panels reduce this amount. A factorisation takes K^3 / 3
-//! flops. If the factor is in memory, "reading" means copying tiles into panels. The order of summation of each entry
-//! depends only on the panels' width.
+//! flops. If the factor is in memory, "reading" means copying tiles into panels. The order in which the terms of an
+//! entry are summed depends only on the panels' width.
 
 use std::ops::Range;
 
@@ -26,13 +28,13 @@ use crate::cholesky::tiles::Finished;
 use crate::gram::GramMatrix;
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Number of the factor's columns whose products are subtracted from a panel at a time. It is large enough that
-/// `dgemm`'s memory traffic on the panel is negligible.
+/// Number of finished columns of the factor whose products are subtracted from a panel at a time. It is large enough
+/// that `dgemm`'s memory traffic on the panel is negligible.
 const RUN: usize = 512;
 /// Number of rows of the factor that are gathered into contiguous memory at a time.
 const ROWS: usize = 4096;
 
-/// Layout of the panels of a factorisation.
+/// Division of a matrix into the panels of a factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Panels {
     pub(crate) grid: TileGrid,
@@ -42,7 +44,7 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// Returns the size of the workspace in bytes.
+    /// Returns the size in bytes of the workspace that a factorisation needs.
     pub(crate) fn bytes(&self) -> usize {
         let (size, tile) = (self.grid.size(), self.grid.tile());
         let width = (self.width * tile).min(size);
@@ -158,7 +160,7 @@ fn gather(
     })
 }
 
-/// Stores a panel's tiles.
+/// Stores the tiles of a computed panel in `finished`.
 fn put(
     finished: &dyn Finished,
     grid: TileGrid,

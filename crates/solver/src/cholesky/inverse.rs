@@ -1,11 +1,13 @@
-//! Computes diagonals for standard errors. The diagonal of G^-1 is (G^-1)_kk = ||C^-1 e_k||^2.
+//! Computes the diagonals of G^-1 and G^-1 P G^-1, from which standard errors are computed. Here G = C C^T is a
+//! factorised matrix (K, K) and P is a diagonal penalty. Entry k of the diagonal of G^-1 is the squared norm of C^-1
+//! e_k, with the unit vector e_k.
 //!
-//! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
-//! skipped. The computation takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
+//! C^-1 is applied to all unit vectors, a few tile columns at a time; the leading zeros of a vector are skipped. This
+//! takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
 //!
-//! The diagonal of G^-1 P G^-1, for a diagonal P, is the sum of P_j (G^-1)_jk^2 over j. The computation needs all
-//! columns of G^-1, but only the entries on and below the diagonal, because G^-1 is symmetric. It takes 2 K^3 / 3
-//! flops, and 16 K bytes of workspace per vector.
+//! Entry k of the diagonal of G^-1 P G^-1 is the sum of P_j (G^-1)_jk^2 over j. The computation needs all columns of
+//! G^-1, but only the entries on and below the diagonal, because G^-1 is symmetric. It takes 2 K^3 / 3 flops, and 16 K
+//! bytes of workspace per vector.
 
 use std::ops::Range;
 
@@ -19,7 +21,7 @@ use crate::cholesky::triangular::{Direction, run};
 /// Number of unit vectors that are processed together: enough for matrix products to run at full speed.
 const TOGETHER: usize = 512;
 
-/// Computes the diagonal (K) of `(C C^T)^-1`.
+/// Computes the diagonal (K) of `(C C^T)^-1` from the tiles of the Cholesky factor C.
 pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
     let grid = tiles.grid();
     monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);

@@ -1,16 +1,17 @@
-//! Kernels that multiply a tile or its transpose by a few columns, and that solve with the triangles on the diagonal.
+//! Kernels for triangular solves with few right-hand sides: they multiply a tile of the factor, or its transpose, by a
+//! few columns, and solve with the triangular tiles on the diagonal.
 //!
 //! With few columns, a solve is bound by memory bandwidth. Therefore every kernel reads its tile once, in storage
 //! order, and prefetches the next tile at the same time. Without prefetching, the processor waits for one page after
 //! another: a pass over 208 MB on one thread then takes 28 ms instead of 10 ms. Values of f32 are widened in registers;
-//! sums and right-hand sides are always f64. With `MANY` columns or more, matrix products are faster (`triangular.rs`).
+//! sums and right-hand sides are always f64. With `MANY` columns or more (`triangular.rs`), matrix products are faster.
 //!
 //! Tiles are column-major without gaps; right-hand sides (rows, c) are column-major.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use spharm_store::prefetch;
 
-/// Number of lanes of an accumulator.
+/// Number of partial sums that are accumulated in parallel, as lanes of vector registers.
 const LANES: usize = 8;
 
 /// Scalar type of a tile's values.
@@ -282,7 +283,8 @@ fn axpys<S: Real, const J: usize, const C: usize, const FMA: bool>(
     }
 }
 
-/// Returns the inner products of J columns with C other columns. Sums are accumulated in lanes, and then added up.
+/// Returns the inner products of J columns with C other columns. Each product is accumulated as `LANES` partial sums,
+/// which are then added up.
 #[inline(always)]
 fn dots<S: Real, const J: usize, const C: usize, const FMA: bool>(columns: [&[S]; J], x: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = x[0].len();
@@ -321,7 +323,7 @@ fn load<S: Real>(values: &[S], start: usize) -> [f64; LANES] {
     std::array::from_fn(|lane| values[lane].widen())
 }
 
-/// Computes `a b + sum`, fused if the processor has an instruction for it.
+/// Computes `a b + sum`, by a fused multiply-add if the processor has such an instruction.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }

@@ -1,4 +1,4 @@
-//! A Cholesky factor that is read from a store.
+//! Implements a Cholesky factor that is read from a store.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
@@ -23,7 +23,7 @@ pub struct StoredFactor {
     threads: usize,
 }
 
-/// State of the window on a tile column.
+/// State of the window (memory map) on a tile column.
 #[derive(Debug)]
 enum Held {
     /// The tile column hasn't been mapped yet.
@@ -71,8 +71,8 @@ impl Tiles for StoredFactor {
         self.file.header().grid
     }
 
-    /// On first use, faults in the pages of this thread's share of the tile columns. If each thread faulted in every
-    /// page, that would cost as much as reading the factor.
+    /// On first use, maps the pages of this thread's share of the tile columns. If each thread mapped every page by
+    /// page faults, that would cost as much as reading the factor.
     fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
         if !self.kept {
             return Ok(());

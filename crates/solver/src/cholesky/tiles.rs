@@ -1,4 +1,4 @@
-//! The tiles of a factor: in memory, in a store, or in an unfinished file.
+//! Access to the tiles of a Cholesky factor: in memory, in a store, or in an unfinished file.
 
 use std::sync::{Arc, OnceLock};
 
@@ -7,7 +7,7 @@ use spharm_store::factor::{FactorWriter, TileValues, TileWindow};
 
 use crate::SolverError;
 
-/// The tile and the window that a thread is currently using.
+/// The tile buffer and the window (memory map) that a thread is currently using.
 #[derive(Debug, Default)]
 pub(crate) struct Cursor {
     /// Buffer for a tile that must be copied.
@@ -62,7 +62,8 @@ impl MemoryTiles {
         Self { grid, tiles: (0..grid.count()).map(|_| OnceLock::new()).collect() }
     }
 
-    /// Rounds every tile to single precision, freeing the memory of each tile before the next is rounded.
+    /// Rounds every tile to single precision. The double-precision values of each tile are freed before the next tile
+    /// is rounded.
     pub(crate) fn narrow(&mut self) {
         for tile in &mut self.tiles {
             if let Some(Values::F64(values)) = tile.take() {
@@ -124,7 +125,7 @@ impl Finished for FactorWriter {
     }
 }
 
-/// Reads back an unpublished factor, to estimate its condition number.
+/// Tiles that are read back from an unpublished factor, to estimate the condition number.
 impl Tiles for FactorWriter {
     fn grid(&self) -> TileGrid {
         self.grid()

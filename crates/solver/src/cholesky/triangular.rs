@@ -1,7 +1,8 @@
-//! The triangular solves, C y = b and C^T x = y, over tiles.
+//! Solves C C^T x = b for a Cholesky factor C (K, K) that consists of tiles C_ij, by two triangular solves: C y = b
+//! (forward) and C^T x = y (backward).
 //!
-//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns, the
-//! solves are bound by memory bandwidth. With many columns, they are bound by the speed of faer's matrix products.
+//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column of b. With few columns,
+//! the solves are bound by memory bandwidth. With many columns, they are bound by the speed of faer's matrix products.
 //!
 //! In the forward solve, each thread owns some tile rows and processes the tile columns in file order. The thread
 //! subtracts `C_ij y_j` from its own rows as soon as y_j is available. The owner of row j + 1 processes this row first
@@ -65,9 +66,10 @@ pub(crate) enum Direction {
     Both,
 }
 
-/// Solves for right-hand sides given as one block (rows, c) per tile row, column-major. Blocks before `first` must be
-/// zero: the forward solve skips them. Without a backward solve, the blocks before `first` are returned unchanged. With
-/// a backward solve, they are returned empty, because the backward solve doesn't compute these blocks of the solution.
+/// Performs the solves of `direction` for right-hand sides that are given as one block (rows, c) per tile row,
+/// column-major. Blocks before tile row `first` must be zero: the forward solve skips them. Without a backward solve,
+/// these blocks are returned unchanged. With a backward solve, they are returned empty, because that solve doesn't
+/// compute them.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -142,7 +144,7 @@ struct Job<'a> {
 enum Stop {
     /// This thread failed with an error.
     Failed(SolverError),
-    /// Another thread failed, and reports the error.
+    /// Another thread failed and reports its error.
     Others,
 }
 
@@ -262,9 +264,9 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Waits for a block that another thread computes. Usually the block is already available. Otherwise the thread
-    /// spins for a while, then yields its processor. A yield costs little. If there are more threads than processors,
-    /// it costs much less than spinning.
+    /// Waits for a block that another thread computes, and returns it. Usually the block is already available.
+    /// Otherwise the thread spins for a while, and then yields its processor repeatedly. If there are more threads than
+    /// processors, yielding costs much less than spinning.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;

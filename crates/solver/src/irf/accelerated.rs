@@ -1,8 +1,10 @@
-//! Accelerated residual fitting: conjugate gradients, preconditioned by a forward and a backward pass.
+//! Iterative residual fitting, accelerated by conjugate gradients that are preconditioned by a forward and a backward
+//! pass over the blocks.
 //!
-//! A pass is one step of block Gauss-Seidel on the normal equations `N x = A^T W f`, `N = A^T W A`. If blocks are far
-//! from orthogonal, the error decreases slowly from pass to pass. However, a forward and a backward pass together apply
-//! a symmetric positive definite matrix `M` close to `N^-1`, which conjugate gradients use as a preconditioner.
+//! For a basis A, weights W (diagonal) and targets f, a pass is one step of block Gauss-Seidel on the normal equations
+//! `N x = A^T W f`, `N = A^T W A`. If blocks are far from orthogonal, the error decreases slowly from pass to pass.
+//! However, a forward and a backward pass together apply a symmetric positive definite matrix `M` close to `N^-1`,
+//! which conjugate gradients use as a preconditioner.
 //!
 //! # In sample space
 //!
@@ -83,7 +85,7 @@ impl IrfSolver<'_> {
             s.copy_from(r);
             z.fill(0.0);
             let forward = self.pass(Order::Forward, &mut s, &mut z, log)?;
-            // The backward pass skips the last block, so report that block's progress here.
+            // The backward pass skips the last block, so the progress for that block is reported here.
             log.end_block(self.blocks.last().map_or(0, columns));
             let backward = self.pass(Order::Backward, &mut s, &mut z, log)?;
             let gamma = forward.energy;

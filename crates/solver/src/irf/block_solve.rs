@@ -1,5 +1,5 @@
-//! Solves the least-squares problem of one block: by a Cholesky factor of the Gram matrix if that is accurate enough,
-//! otherwise by a rank-revealing factorisation.
+//! Solves the least-squares problem of one block (the basis functions of consecutive degrees): by a Cholesky factor of
+//! the block's Gram matrix if that is accurate enough, otherwise by a rank-revealing factorisation.
 
 use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
@@ -39,7 +39,7 @@ enum BlockFactor {
     RankRevealing {
         /// Condition number of the block; infinite if its rank is below its number of columns.
         condition: f64,
-        /// Numerical rank.
+        /// Numerical rank of the block.
         rank: usize,
     },
 }
@@ -47,15 +47,16 @@ enum BlockFactor {
 /// Solves blocks, and keeps their factors from pass to pass.
 pub(super) struct BlockSolver<'o> {
     operator: &'o dyn BlockOperator,
-    /// Source of the blocks' Gram matrices; `None` if they are computed from the basis.
+    /// Source of the blocks' Gram matrices; `None` if Gram matrices are summed over the rows of the basis.
     gram: Option<&'o dyn GramMatrix>,
     threads: usize,
     /// Whether to keep factors between passes.
     keep: bool,
-    /// Kept factors, by block.
+    /// Factorisations, indexed by block.
     factors: Vec<Option<BlockFactor>>,
     reports: Vec<BlockReport>,
-    /// Unused bytes of the budget, for a rank-revealing solve that the plan couldn't foresee.
+    /// Bytes of the memory budget that the plan leaves unused. They are available to rank-revealing solves, which the
+    /// plan can't foresee.
     spare: usize,
     budget: usize,
 }
@@ -85,12 +86,13 @@ impl<'o> BlockSolver<'o> {
         &self.reports
     }
 
-    /// Returns whether a block was too ill-conditioned to be solved by its Gram matrix.
+    /// Returns whether any block was too ill-conditioned for a Cholesky solve.
     pub(super) fn has_rank_revealing(&self) -> bool {
         self.reports.iter().any(|block| block.solver != "cholesky")
     }
 
-    /// Computes `argmin | W^(1/2) (A_d..e x - r) |`, where r is the residual held by the workers.
+    /// Computes the block's solution `argmin_x | W^(1/2) (A_d..e x - r) |`, where A_d..e holds the block's columns and
+    /// r is the residual held by the workers.
     pub(super) fn solve(
         &mut self,
         block: &OpenBlock<'_>,
@@ -129,8 +131,8 @@ impl<'o> BlockSolver<'o> {
         Ok(step)
     }
 
-    /// Computes the normal equations of a block: `A^T W r` (k, c), row-major, and the lower triangle of `A^T W A`
-    /// (k, k).
+    /// Computes the normal equations of a block with the basis columns A: `A^T W r` (k, c), row-major, and the lower
+    /// triangle of `A^T W A` (k, k).
     fn normal_equations(
         &self,
         block: &OpenBlock<'_>,
@@ -217,8 +219,8 @@ impl<'o> BlockSolver<'o> {
         Ok(())
     }
 
-    /// Computes the minimum-norm solution by a QR factorisation and the singular value decomposition of its triangular
-    /// factor.
+    /// Computes the minimum-norm solution for a block, by a QR factorisation and the singular value decomposition of
+    /// the triangular factor.
     fn rank_revealing(
         &self,
         block: &OpenBlock<'_>,

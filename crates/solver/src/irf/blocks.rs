@@ -1,8 +1,8 @@
-//! Defines the fitting methods of Shen and Chung: their blocks of degrees and their numbers of passes.
+//! Defines the four fitting methods NLSF, SIRF, MIRF and IRF by their blocks of degrees and their numbers of passes.
 //!
-//! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees. SIRF has a first block of degrees 0 to s,
-//! followed by one block per degree. MIRF repeats the blocks of SIRF several times. A block of IRF has as many degrees
-//! as fit into g columns, where g is the granularity, but at least one degree.
+//! The methods are those of Shen and Chung (3DPVT 2006), section 3. NLSF has one block of all degrees. SIRF has a first
+//! block of degrees 0 to s, followed by one block per degree. MIRF fits the blocks of SIRF in several passes. A block
+//! of IRF has as many degrees as fit into g columns, where g is the granularity, but at least one degree.
 
 use std::ops::RangeInclusive;
 
@@ -32,12 +32,12 @@ pub enum Method {
         /// Last degree of the first block, s.
         start_degree: usize,
     },
-    /// The full least squares: all degrees together.
+    /// Full least squares: all degrees are fitted together.
     Nlsf,
 }
 
 impl Method {
-    /// Returns the method's name in the paper of Shen and Chung, in lower case.
+    /// Returns the method's name in Shen and Chung's paper, in lower case: `irf`, `sirf`, `mirf` or `nlsf`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Irf { .. } => "irf",

@@ -7,7 +7,7 @@ use super::blocks::Method;
 pub struct IrfParams {
     /// Highest degree, L, inclusive; default 100.
     pub max_degree: usize,
-    /// Blocks and passes; default IRF in one pass with a granularity of 100.
+    /// Method, which determines the blocks and the number of passes; default IRF in one pass with a granularity of 100.
     pub method: Method,
     /// Maximum number of additional passes that remove rounding errors; default 0. These passes end early when a pass
     /// changes the coefficients by almost nothing. They are useful for [`Method::Nlsf`], whose single block may be
@@ -18,7 +18,7 @@ pub struct IrfParams {
     pub weights: Option<Vec<f64>>,
     /// Flags (n) of the rows that are excluded from the norms of residuals; default `None`, which includes all rows.
     pub unread: Option<Vec<bool>>,
-    /// Memory budget in bytes, including mapped windows on the basis; default 256 MiB.
+    /// Memory budget in bytes, which includes memory-mapped parts of the basis; default 256 MiB.
     pub memory: usize,
     /// Bytes of `memory` that the caller already holds; default 0.
     pub held: usize,
@@ -27,7 +27,8 @@ pub struct IrfParams {
     /// Whether more fits will follow on the same [`IrfSolver`](super::IrfSolver), so that factors are worth keeping;
     /// default false.
     pub reuse: bool,
-    /// Whether to run conjugate gradients over pairs of passes, which need far fewer passes; default false.
+    /// Whether to accelerate the fit by conjugate gradients over pairs of passes, which reduces the number of passes
+    /// needed; default false.
     pub accelerate: bool,
     /// Bytes held by the source of the blocks' Gram matrices, if the fit has such a source; used by
     /// [`plan`](super::plan()). [`IrfSolver::new`](super::IrfSolver::new) and

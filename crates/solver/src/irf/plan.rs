@@ -1,4 +1,4 @@
-//! The memory plan of a fit, made before it starts.
+//! Plans the memory of a fit before the fit starts.
 
 use std::ops::RangeInclusive;
 
@@ -14,7 +14,8 @@ use crate::threaded::{Kernels, ThreadedKernels};
 /// Smallest number of columns of a block for which all threads compute one shared Gram matrix by a threaded `dsyrk`.
 /// For narrower blocks, each thread sums a Gram matrix of its own.
 pub(super) const SHARED_FROM: usize = 1024;
-/// Number of rows per call of the shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
+/// Number of rows that one call of the shared `dsyrk` adds to the Gram matrix: enough for the memory traffic on that
+/// matrix to be negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
 
 /// Bytes per thread for the packed copies of matrices made by products with narrow blocks.
@@ -29,7 +30,7 @@ pub struct IrfPlan {
     pub held: usize,
     /// Bytes of the residual and the coefficients.
     pub arrays: usize,
-    /// Bytes of all threads' sums, packed chunks and buffers of matrix products.
+    /// Bytes that all threads need for sums, packed chunks, and buffers of matrix products.
     pub work: usize,
     /// Bytes of the source of the blocks' Gram matrices; zero if Gram matrices are summed from the basis.
     pub grams: usize,
@@ -113,13 +114,13 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
 struct Needs {
     arrays: usize,
     grams: usize,
-    /// Bytes of everything except the factors and the basis.
+    /// Bytes of memory for everything except the factors and the basis.
     fixed: usize,
     /// Bytes of address space reserved by [`Kernels`]; 0 if all blocks are too narrow for these kernels.
     reserved: usize,
     one_factor: usize,
     all_factors: usize,
-    /// Bytes of each block if it is entirely in memory.
+    /// Bytes of each block if the entire block is held in memory.
     resident: Vec<usize>,
     /// Bytes of each block if it is read chunk by chunk.
     chunkwise: Vec<usize>,

@@ -1,4 +1,4 @@
-//! Defines the reports on fits by iterative residual fitting, and records them.
+//! Defines the report on a fit by iterative residual fitting, and records the fit's passes.
 
 use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
@@ -28,18 +28,18 @@ pub struct IrfReport {
     pub channels: usize,
     /// Number of threads.
     pub threads: usize,
-    /// Reports on the blocks of a pass.
+    /// Reports on the blocks of degrees, in the order of a pass.
     pub blocks: Vec<BlockReport>,
     /// Reports on the passes in order, including refinements.
     #[serde(rename = "sweeps")]
     pub history: Vec<PassReport>,
     /// Wall time by kind of work.
     pub seconds: IrfSeconds,
-    /// The memory plan.
+    /// Memory plan of the fit.
     pub memory: IrfPlan,
 }
 
-/// Report on one block of a pass.
+/// Report on one block of degrees.
 #[derive(Debug, Clone, Serialize)]
 pub struct BlockReport {
     /// First degree of the block.
@@ -76,11 +76,12 @@ pub struct PassReport {
 /// Wall time by kind of work in seconds, summed over the blocks.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct IrfSeconds {
-    /// Seconds for opening blocks and waiting for read-ahead to start.
+    /// Seconds for opening blocks, including waits until read-ahead has started.
     pub open: f64,
-    /// Seconds for Gram matrices, adjoints, factorisations and solves, including the reading of their data.
+    /// Seconds for computing Gram matrices, right-hand sides, factorisations and solutions, including reading the data
+    /// for them.
     pub solve: f64,
-    /// Seconds for updates of the residual.
+    /// Seconds for updating the residual.
     pub update: f64,
 }
 

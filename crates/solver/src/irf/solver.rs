@@ -18,13 +18,13 @@ use crate::{SolverError, check};
 /// The result of iterative residual fitting.
 #[derive(Debug, Clone)]
 pub struct IrfFit {
-    /// Canonical coefficients (K, c).
+    /// Canonical coefficients (K, c): one row per basis function, one column per target column.
     pub coefficients: Coefficients,
     /// Report on blocks, passes, residuals, times and memory.
     pub report: IrfReport,
 }
 
-/// Fits batches of targets on one operator, and keeps the blocks' factors between batches.
+/// Fits batches of targets over one basis, given by an operator, and keeps the blocks' factors between batches.
 pub struct IrfSolver<'o> {
     pub(super) operator: &'o dyn BlockOperator,
     /// The parameters, with the actual number of threads.
@@ -110,7 +110,7 @@ impl<'o> IrfSolver<'o> {
     /// Fits targets (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
     /// Reports one stage, `fit`, to the monitor, counted in columns of the basis over all passes. Also sends a status
-    /// for each block and a detail for each pass.
+    /// message for each block and a detail message for each pass.
     ///
     /// # Errors
     ///

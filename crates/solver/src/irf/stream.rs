@@ -24,7 +24,7 @@ pub(super) struct Stream<'s, 'o> {
     operator: &'o dyn BlockOperator,
     blocks: &'s [RangeInclusive<usize>],
     plan: &'s IrfPlan,
-    /// Indices of the remaining blocks.
+    /// Indices of the blocks that haven't been opened yet.
     rest: std::vec::IntoIter<usize>,
     ahead: Option<OpenBlock<'o>>,
 }

@@ -1,9 +1,9 @@
 //! Computes the triangular factor R of a tall matrix that arrives in chunks of rows.
 //!
-//! Each chunk is stacked below the R of the previous chunks, and the stack is factorised again. This is the sequential
-//! tall-skinny QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). For k columns it
-//! keeps a small multiple of k^2 numbers in memory and takes 2 n k^2 flops. Unlike a Gram matrix, R preserves singular
-//! values down to eps times the largest.
+//! The R of the first chunks is updated for each further chunk: the chunk is stacked below R, and the stack is
+//! factorised again. This is the sequential tall-skinny QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput.
+//! 34, 2012, section 3). For n rows and k columns it keeps a small multiple of k^2 numbers in memory and takes 2 n k^2
+//! flops. Unlike a Gram matrix, R preserves singular values down to the largest one times the machine epsilon.
 
 use spharm_harmonics::product::Matrix;
 

@@ -1,7 +1,8 @@
-//! Divides the residual among threads: each thread owns a fixed run of chunks and its own sums.
+//! Divides the residual among threads: each thread owns a fixed run of chunks of rows, and computes its own sums over
+//! them.
 //!
-//! The runs and the order of summation depend only on the number of threads, so results are bit-identical for the same
-//! number of threads.
+//! The runs and the order of summation depend only on the number of threads, so repeated fits with the same number of
+//! threads give bit-identical results.
 
 use std::ops::Range;
 
@@ -15,7 +16,7 @@ use crate::chunked_rows::ChunkedRows;
 use crate::dense;
 use crate::operator::{BlockOperator, Scratch};
 
-/// Smallest number of target columns for which a matrix product is faster than the kernels for few columns.
+/// Smallest number of target columns for which general matrix products are faster than the kernels for few columns.
 const MANY_CHANNELS: usize = 8;
 
 /// The residual of a fit and the threads that work on it.
@@ -110,8 +111,9 @@ impl<'r> Workers<'r> {
         self.workers.par_iter_mut().try_for_each(|worker| worker.subtract(block, x))
     }
 
-    /// Computes the triangular factor of `W^(1/2) [A | r]`. Each worker adds its chunks of rows to a factor one after
-    /// another, and the factors of the workers are then combined.
+    /// Computes the triangular factor of `W^(1/2) [A | r]`. A is the block's columns, r the residual and W the weights.
+    /// Each worker adds its chunks of rows to a factor of its own one after another, and the workers' factors are then
+    /// combined.
     pub(super) fn triangle(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Triangle, SolverError> {
         let parts: Vec<Triangle> =
             self.workers.par_iter_mut().map(|worker| worker.triangle(block, k)).collect::<Result<_, _>>()?;

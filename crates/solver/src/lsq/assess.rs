@@ -1,4 +1,4 @@
-//! Creates reports on least-squares solutions.
+//! Creates the report on a least-squares solution.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -72,7 +72,7 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// Returns the condition number of `W^(1/2) A`, stacked on `P^(1/2)`.
+    /// Returns the condition number of the matrix that consists of `W^(1/2) A` stacked on `P^(1/2)`.
     fn condition(&self, cg: &Cg) -> f64 {
         let of = |reciprocal: f64| if reciprocal > 0.0 { (1.0 / reciprocal).sqrt() } else { f64::INFINITY };
         match (self.stored, &self.made) {

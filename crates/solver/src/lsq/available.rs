@@ -41,7 +41,7 @@ impl LsqSolver<'_> {
         Available { moments, factor }
     }
 
-    /// Returns the free bytes of the memory budget.
+    /// Returns the number of unused bytes of the memory budget.
     pub(super) fn room(&self) -> usize {
         self.params.memory.saturating_sub(self.params.held)
     }
@@ -61,8 +61,8 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// Returns the inverse of the sampling density for preconditioning. Returns `None` if there are no moments, if the
-    /// samples are even, or if the density must not be used as a preconditioner.
+    /// Returns the inverse of the sampling density, for use as a preconditioner. Returns `None` if there are no
+    /// moments, if the samples are evenly distributed, or if the density must not be used as a preconditioner.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,

@@ -1,7 +1,8 @@
 //! Preconditioned conjugate gradients on the normal equations, for all columns together or, with moments, for a few
 //! columns at a time.
 //!
-//! Problem: `min |W^(1/2) (A x - f)|^2 + x^T P x` for each column f of the targets; N = A^T W A + P. From x = 0:
+//! The problem is `min |W^(1/2) (A x - f)|^2 + x^T P x` for each column f of the targets, with the basis A, the
+//! diagonal weights W and the diagonal penalty P. Its normal matrix is N = A^T W A + P. Starting from x = 0:
 //!
 //! ```text
 //! r = A^T W f,  z = M r,  p = z
@@ -9,7 +10,7 @@
 //!          z = M r,  beta = r^T z / (r^T z)_before,  p = z + beta p
 //! ```
 //!
-//! with M the preconditioner. In exact arithmetic the iterates equal the iterates of LSQR with the same preconditioner,
+//! with the preconditioner M. In exact arithmetic the iterates equal the iterates of LSQR with the same preconditioner,
 //! but less storage is needed: four (K, c) arrays, and no (n, c) array. The normal equations square the condition
 //! number, so rounding limits the attainable optimality. Therefore r is recomputed at the end unless its errors are
 //! estimated to be small, and the iteration is restarted from the recomputed r as long as the optimality improves. If
@@ -33,7 +34,8 @@ use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
-/// The gradient is recomputed if the estimated error of the optimality exceeds this share of the tolerance.
+/// When the iterations end, the gradient is recomputed if the estimated error of the optimality exceeds this fraction
+/// of the tolerance.
 const ERROR_SHARE: f64 = 0.2;
 
 /// Stopping rules of conjugate gradients.
@@ -64,13 +66,13 @@ pub struct CgFit {
     pub stop: Stop,
     /// Number of iterations.
     pub iterations: usize,
-    /// Largest relative gradient of all columns, computed from the samples.
+    /// Largest relative gradient `|A^T W r - P x| / |A^T W f|` of all columns, computed from the samples.
     pub optimality: f64,
 }
 
 /// Solves the normal equations for targets f (n, c), starting from x = 0.
 ///
-/// Reports a step and a status to the monitor for each iteration.
+/// Reports a step and a status message to the monitor for each iteration.
 ///
 /// # Errors
 ///
@@ -120,7 +122,7 @@ pub(crate) struct Cg {
     /// number of the preconditioned matrix, derived from alpha and beta, times the preconditioner's condition number.
     /// NaN if the preconditioner's condition number is unknown.
     pub(crate) condition: f64,
-    /// Estimated error of the optimality if the gradient was updated by the iteration rather than recomputed; else 0.
+    /// Estimated error of the optimality if the iteration updated the gradient; 0 if the gradient was recomputed.
     pub(crate) doubt: f64,
     /// Wall time of the iterations in seconds.
     pub(crate) seconds: f64,
@@ -162,8 +164,8 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies or `progress` is too slow. Slow progress is also reported as
-    /// [`Stop::IterationLimit`].
+    /// Iterates until a stopping rule applies, or until `progress` finds that the iterations converge too slowly. Slow
+    /// convergence is also reported as [`Stop::IterationLimit`].
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,
@@ -303,8 +305,8 @@ impl Cg {
     }
 }
 
-/// Returns the largest ratio of a column's norm to its scale. The ratio is set to 0 for columns of scale 0, because
-/// their solution is zero.
+/// Returns the largest ratio of a column's norm (`norms`) to its scale (`scale`). The ratio counts as 0 for columns of
+/// scale 0, because their solution is zero.
 pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }

@@ -24,7 +24,7 @@ pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     total
 }
 
-/// Computes an inner product as several partial sums, which the processor evaluates in parallel.
+/// Computes an inner product as the sum of several partial sums, which the processor evaluates in parallel.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     const LANES: usize = 16;
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
@@ -76,7 +76,7 @@ pub(crate) fn combine(y: &mut Array2<f64>, s: &[f64], a: &[f64], x: &Array2<f64>
     });
 }
 
-/// Computes `y += x * factors`, with one factor per row.
+/// Computes `y += x * factors`, with `factors` containing one factor for each row of x.
 pub(crate) fn add_scaled_rows(y: &mut Array2<f64>, factors: &[f64], x: &Array2<f64>) {
     for ((mut y, x), factor) in y.rows_mut().into_iter().zip(x.rows()).zip(factors) {
         y.scaled_add(*factor, &x);

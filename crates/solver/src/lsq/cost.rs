@@ -1,10 +1,10 @@
 //! Models the costs of the steps of a least-squares fit: a product with the normal matrix, computed from the samples or
 //! from their moments; computing the moments; and computing a Cholesky factor of the normal matrix and solving with it.
 //!
-//! Costs are in nanoseconds on one thread, with the rates of `limits`; only their ratios matter. At 40,962 samples and
-//! L = 100, a product of the normal matrix with three channels of coefficients takes 8.4 ms by samples and 2.0 ms by
-//! moments. Computing the moments takes 20 ms. At 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by
-//! either method.
+//! Costs are times in nanoseconds on one thread, computed from the rates in `limits`; only their ratios matter. At
+//! 40,962 samples and L = 100, a product of the normal matrix with three channels (columns) of coefficients takes 8.4
+//! ms if computed from the samples, and 2.0 ms if computed from their moments. Computing the moments takes 20 ms. At
+//! 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by either method.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::FINEST;
@@ -27,9 +27,9 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// Returns the cost of a product with the normal matrix by samples. For each sample, the kernel values are computed
-    /// once for all channels, and each channel is summed over them. In addition, a grid is transformed for each
-    /// channel.
+    /// Returns the cost of a product with the normal matrix by samples. For each sample, the values of the
+    /// interpolation kernel are computed once for all channels, and each channel is summed with these values as
+    /// weights. In addition, a grid is transformed for each channel.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (SAMPLE_NS + SAMPLE_CHANNEL_NS * c) + c * (GRID_NS * l * l * l.log2() + ORDER_NS * l.powi(3))
@@ -58,30 +58,32 @@ impl Cost {
         (basis_size(self.max_degree) as f64).powi(3) / 3.0 / DENSE_FLOPS_PER_NS
     }
 
-    /// Returns the cost of a solve with a factor, and of computing the gradient and the residual. The solve reads the
-    /// factor's `4 K^2` bytes twice.
+    /// Returns the cost of a solve with a factor, plus the cost of computing the gradient and the residual. The solve
+    /// reads the factor's `4 K^2` bytes twice.
     pub(super) fn with_factor(&self) -> f64 {
         let entries = (basis_size(self.max_degree) as f64).powi(2);
         let (flops, bytes) = (2.0 * entries * self.channels as f64, 8.0 * entries);
         flops / DENSE_FLOPS_PER_NS + bytes / FACTOR_BYTES_PER_NS + 0.5 * self.by_samples()
     }
 
-    /// Returns the number of iterations after which moments have saved time; infinite if moments never save time.
+    /// Returns the number of iterations after which the time saved by moments exceeds the time for computing them;
+    /// infinite if moments never save time.
     pub(super) fn paid_after(&self) -> f64 {
         let saved = self.by_samples() - self.by_moments();
         if saved > 0.0 { self.making() / saved } else { f64::INFINITY }
     }
 
-    /// Returns the expected number of iterations to a tolerance on a random sampling. By the law of Marchenko and
-    /// Pastur, the eigenvalues of its normal matrix lie between (1 - (K / n)^(1/2))^2 and (1 + (K / n)^(1/2))^2, and
-    /// each iteration reduces the error by a factor of (n / K)^(1/2). Here n is the number of rows with nonzero weight.
-    /// Even samplings take half as many iterations.
+    /// Returns the expected number of iterations until a tolerance is met on a random sampling. By the law of Marchenko
+    /// and Pastur, the eigenvalues of its normal matrix lie between (1 - (K / n)^(1/2))^2 and (1 + (K / n)^(1/2))^2,
+    /// and each iteration reduces the error by a factor of (n / K)^(1/2). Here n is the number of rows with nonzero
+    /// weight. Even samplings take half as many iterations.
     pub(super) fn expected_iterations(&self, tolerance: f64) -> f64 {
         let ratio = basis_size(self.max_degree) as f64 / self.rows_with_weight.max(1) as f64;
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
-    /// Returns whether moments pay off early enough in the expected iterations to be computed first.
+    /// Returns whether moments should be computed before the first iteration, because they pay off early enough within
+    /// the expected number of iterations.
     pub(super) fn at_once(&self, tolerance: f64) -> bool {
         self.paid_after() <= PAYING_PER_EXPECTED_ITERATIONS * self.expected_iterations(tolerance)
     }

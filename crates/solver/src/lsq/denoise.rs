@@ -97,7 +97,7 @@ pub struct NoisePower {
 }
 
 impl NoisePower {
-    /// Creates empty sums, before any fit of noise is added.
+    /// Creates the noise power with empty sums, to which fits of noise are then added.
     #[must_use]
     pub fn new(max_degree: usize) -> Self {
         Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }

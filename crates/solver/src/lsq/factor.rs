@@ -1,4 +1,4 @@
-//! Computes the factor of the normal equations on demand.
+//! Computes a Cholesky factor of the normal matrix N, or of N plus a multiple of the identity if N is singular.
 
 use spharm_harmonics::index::{first_column, max_degree_of};
 use spharm_monitor::Monitor;
@@ -11,7 +11,7 @@ use crate::gram::{GramMatrix, Penalised};
 /// A computed factor of `N + mu I`.
 pub(super) struct MadeFactor {
     pub(super) factor: MemoryFactor,
-    /// Shift mu relative to the largest diagonal entry of N; zero if N isn't singular.
+    /// Shift mu, divided by the largest diagonal entry of N; zero if N isn't singular.
     pub(super) shift: f64,
     /// Column and degree at which the factorisation of N without a shift broke down; `None` if it succeeded.
     pub(super) breaks_at: Option<[usize; 2]>,

@@ -1,4 +1,4 @@
-//! Chooses the smoothness by generalised cross-validation.
+//! Chooses the smoothness of a fit (the weight lambda of the penalty) by generalised cross-validation (GCV).
 //!
 //! ```text
 //! GCV(lambda) = n |W^(1/2) (f - A x_lambda)|^2 / (n - tr H)^2,   H = A (A^T W A + P)^-1 A^T W
@@ -45,7 +45,8 @@ pub struct Gcv {
     pub smoothness: f64,
     /// All values that were tried, in the order of the search: (lambda, GCV, tr H).
     pub tried: Vec<[f64; 3]>,
-    /// Whether the minimum is at the lower end of the range: the targets then need no penalty at all.
+    /// Whether the minimum is at the lower end of the search range, which means that the targets need no penalty at
+    /// all.
     pub at_the_end: bool,
     /// The lambda of each channel, if lambda was searched for each channel separately. The other fields then describe
     /// the channel with the largest lambda. Empty if all columns share lambda.

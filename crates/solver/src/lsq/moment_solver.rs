@@ -1,4 +1,4 @@
-//! Runs [`LsqSolver`] on moments, without samples.
+//! Solves least-squares problems that are given by moments, without samples, with [`LsqSolver`].
 
 use std::ops::Range;
 
@@ -15,7 +15,7 @@ use super::solver::{Given, LsqSolver, Source};
 use crate::SolverError;
 use crate::gram::GramMatrix;
 
-/// A fit from moments.
+/// The result of a fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentFit {
     /// Canonical coefficients (K, c).
@@ -106,7 +106,7 @@ const RECOVERED: f64 = 1e-11;
 ///
 /// Conjugate gradients from zero converge even if some functions are zero at all samples, and the condition number that
 /// they estimate doesn't reveal these functions. This test detects the functions for any arrangement of the samples.
-/// The test takes about as long as the fit of one column. `params` gives the strategy and the memory.
+/// The test takes about as long as the fit of one column. The strategy and the memory budget are taken from `params`.
 ///
 /// # Errors
 ///
@@ -126,7 +126,7 @@ pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Mon
     Ok(found.report.shift == 0.0 && square.sqrt() <= MOST_LOST)
 }
 
-/// Solves for groups of columns in parallel. Each group is solved until its own optimality meets the stopping rules.
+/// Solves a problem for groups of its columns in parallel. The stopping rules are applied to each group separately.
 /// Groups that need a factor are solved afterwards, one after another. The result for a group is bit-identical to the
 /// result of [`solve_moments`] for this group only, unless a factor is computed. A computed factor is also used for the
 /// following groups.

@@ -1,5 +1,5 @@
-//! Least squares from sums over the samples alone, for any number of samples. The sums may have been computed
-//! elsewhere.
+//! Least-squares problems that are given only by sums over the samples: moments, right-hand sides and sums of squares.
+//! The samples themselves aren't needed, so their number is unlimited and the sums may have been computed elsewhere.
 //!
 //! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These data
 //! determine the solution, and the weighted sum of squares of its residual:
@@ -170,7 +170,7 @@ impl MomentProblem {
         largest.filter(|_| lost).map(|(column, _)| column)
     }
 
-    /// Returns the problem for the values minus the weighted mean of their column.
+    /// Returns the problem whose targets are the values minus the weighted mean of their column.
     pub(super) fn centred(&self) -> Self {
         let mut right_sides = self.right_sides.clone();
         for (mut column, mean) in right_sides.columns_mut().into_iter().zip(self.means()) {

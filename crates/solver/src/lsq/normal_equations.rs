@@ -30,8 +30,8 @@ impl NormalEquations<'_> {
         Ok(y)
     }
 
-    /// Returns the inverse of the diagonal that the normal matrix N would have on an even sampling. Iterations that are
-    /// called unpreconditioned use this inverse as a diagonal preconditioner.
+    /// Returns the inverse of the diagonal that the normal matrix N would have on an even sampling. Iterations that
+    /// reports list as having no preconditioner use this inverse as a diagonal preconditioner.
     pub fn diagonal(&self) -> Diagonal {
         let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
         Diagonal::new(self.operator.max_degree(), weight, self.penalty)

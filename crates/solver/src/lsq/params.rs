@@ -4,14 +4,15 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Runs conjugate gradients, preconditioned with the density if moments of an uneven sampling are used. If the
-    /// iterations are slow, switches to a Cholesky factor with refinement, shifted if the normal matrix is singular. If
-    /// a factor is already available, uses that factor from the start in most cases.
+    /// Runs conjugate gradients, preconditioned with the inverse of the sampling density if moments of an uneven
+    /// sampling are used. If the iterations are slow, switches to a Cholesky factor with refinement, shifted if the
+    /// normal matrix is singular. If a factor is already available, uses that factor from the start in most cases.
     Auto,
     /// Runs conjugate gradients without a preconditioner.
     Cg,
-    /// Runs conjugate gradients by moments, preconditioned with the density of an uneven sampling. If moments aren't
-    /// available or don't fit in memory, no preconditioner is used, and the report contains a warning.
+    /// Runs conjugate gradients with products computed from moments, preconditioned with the inverse of the sampling
+    /// density if the sampling is uneven. If moments aren't available or don't fit in memory, no preconditioner is
+    /// used, and the report contains a warning.
     DensityCg,
     /// Uses a Cholesky factor with refinement, shifted if the normal matrix is singular. If there are fewer rows with
     /// nonzero weight than coefficients and there is no penalty, runs conjugate gradients instead, and the report

@@ -1,4 +1,4 @@
-//! The steps of a fit, and the data from which `strategy` chooses the steps.
+//! Defines the steps of a fit, and the data from which `strategy` chooses them.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use super::limits::ROWS_PER_COLUMN_FOR_DENSITY;
 use super::params::Strategy;
 use super::why::Why;
 
-/// Sizes of a problem.
+/// Sizes of a least-squares problem.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     /// Number of rows (samples).
@@ -22,22 +22,22 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Returns whether the density may precondition iterations by moments.
+    /// Returns whether the inverse of the sampling density may serve as the preconditioner of iterations by moments.
     pub(super) fn allow_density(&self, request: &Request) -> bool {
         let enough = self.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(self.max_degree);
         matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
     }
 
     /// Returns whether the solution isn't unique, because there is no penalty and there are fewer rows with nonzero
-    /// weight than basis functions. Iterations then tend to the solution of minimum norm. Solutions by a factor of the
-    /// shifted normal matrix don't, because its inverse magnifies the transforms' errors in the undetermined
-    /// components.
+    /// weight than basis functions. Iterations then tend to the solution of minimum norm. Refinement with a factor of
+    /// the shifted normal matrix doesn't, because the inverse of that matrix magnifies the transforms' errors in the
+    /// undetermined components.
     pub(super) fn are_underdetermined(&self, request: &Request) -> bool {
         !request.penalised && self.rows_with_weight < basis_size(self.max_degree)
     }
 }
 
-/// Data that a solver has or can compute.
+/// Availability of moments and of a factor to a solver.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Available {
     pub(super) moments: Moments,
@@ -91,12 +91,12 @@ pub(super) struct Plan {
 pub(super) enum Step {
     /// Computes moments of the samples.
     MakeMoments,
-    /// Runs conjugate gradients up to a total of `at_most` iterations, or until a factor seems faster.
+    /// Runs conjugate gradients until the fit has taken `at_most` iterations in total, or until a factor seems faster.
     Cg { by_moments: bool, precondition: Precondition, at_most: usize, leave_for_factor: Option<Leave> },
     /// Provides the factor, computing it if necessary, with a shifted diagonal if the matrix is singular. A factor that
     /// can't be computed is an error if it is `required`; otherwise refinement is skipped.
     Factor { from: Factor, required: bool },
-    /// Refines with the factor, and ends the fit.
+    /// Refines the solution with the factor, and ends the fit.
     Refine,
 }
 

@@ -94,7 +94,7 @@ impl Preconditioner for Diagonal {
     }
 }
 
-/// The inverse of the sampling density, from moments of any sampling: see [`InverseDensity`].
+/// The inverse of the sampling density, computed from the moments of the sampling: see [`InverseDensity`].
 #[cfg(feature = "dense")]
 pub(crate) struct Density<'a>(pub(crate) &'a InverseDensity);
 
@@ -117,7 +117,7 @@ impl Preconditioner for Density<'_> {
     }
 }
 
-/// A factor of N that isn't accurate enough for refinement, but serves as a preconditioner.
+/// A Cholesky factor of N that isn't accurate enough for refinement, but serves as a preconditioner.
 #[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
 

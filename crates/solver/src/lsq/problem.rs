@@ -1,4 +1,4 @@
-//! A least-squares problem for iterations and refinements, from samples or from moments.
+//! The least-squares problem that iterations and refinements solve, given by samples or by moments.
 
 use std::sync::Arc;
 
@@ -27,7 +27,8 @@ pub(crate) trait Problem: Sync {
         None
     }
 
-    /// Returns the number of columns that a product processes at a time; `None` if it processes all columns together.
+    /// Returns the number of columns that a product processes at a time; `None` if a product processes all columns
+    /// together.
     fn columns_together(&self) -> Option<usize> {
         None
     }
@@ -89,8 +90,9 @@ impl Problem for Sampled<'_> {
     }
 
     fn product_error(&self) -> Option<ProductError> {
-        // If there is a bound, the iteration's gradient may be used after a comparison with [`Residual::slopes`]. The
-        // slopes don't include a penalty, so no bound is given if there is a penalty.
+        // With an error bound, the solver may use the gradient that the iteration has updated, after comparing it with
+        // [`Residual::slopes`]. The slopes don't include a penalty, so this function returns no bound if there is a
+        // penalty.
         let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
         Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }

@@ -7,20 +7,20 @@ use super::plan::Leave;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Minimum number of iterations before the iteration may be abandoned.
+    /// Number of iterations before which the iteration isn't abandoned.
     after: usize,
     /// Number of iterations over which progress is measured.
     every: usize,
     /// The iteration is abandoned if the predicted number of remaining iterations exceeds this number.
     most: f64,
-    /// Optimality at the last measurement.
+    /// Optimality (relative gradient) at the last measurement.
     before: f64,
 }
 
 #[cfg(feature = "dense")]
 impl Progress {
     /// Creates a measurement of progress for iterations that start at an optimality of `before`. `density` states
-    /// whether the density is the preconditioner.
+    /// whether the preconditioner is the inverse of the sampling density.
     pub(super) fn new(leave: &Leave, density: bool, tolerance: f64, before: f64) -> Self {
         let &Leave { after, every, most, most_with_density } = leave;
         Self { tolerance, after, every, most: if density { most_with_density } else { most }, before }

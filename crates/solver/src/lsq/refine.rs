@@ -1,5 +1,5 @@
-//! Refines solutions with a factor of the normal equations: `x += M g`, `M = (N + mu I)^-1`, with the gradient g
-//! computed by the operator.
+//! Refines the solution x with a Cholesky factor of the normal matrix N, shifted by mu if N is singular: `x += M g`,
+//! with `M = (N + mu I)^-1` and the gradient g computed by the operator.
 
 use spharm_monitor::{Level, Monitor};
 

@@ -15,7 +15,7 @@ pub struct LsqReport {
     pub rows: usize,
     /// Number of columns of the targets, c.
     pub channels: usize,
-    /// Preconditioner of the last steps: `none`, `density` (by moments), `factor` or `stored-factor`.
+    /// Preconditioner of the last steps: `none`, `density` (computed from moments), `factor` or `stored-factor`.
     pub preconditioner: &'static str,
     /// Number of iterations of conjugate gradients.
     pub iterations: usize,
@@ -29,7 +29,7 @@ pub struct LsqReport {
     /// have an estimated error that is small compared with the tolerance, the optimality is the relative gradient of
     /// these iterations plus the estimated error.
     pub optimality: f64,
-    /// The optimality for the columns of each target; empty without samples.
+    /// Optimality of each target, over the columns of the target; empty without samples.
     #[serde(skip)]
     pub optimalities: Vec<f64>,
     /// Reason why the fit ended.
@@ -43,7 +43,7 @@ pub struct LsqReport {
     /// Column, counted from 0, at which the factorisation of a singular normal matrix broke down, and the column's
     /// degree.
     pub breaks_at: Option<[usize; 2]>,
-    /// Largest norm of the coefficients of a column.
+    /// Largest norm of a column of coefficients.
     pub norm: f64,
     /// Smoothness penalty, lambda.
     pub smoothness: f64,
@@ -82,7 +82,7 @@ pub struct StepReport {
 }
 
 impl LsqReport {
-    /// Adds the steps of another fit: equal steps are merged, other steps are appended.
+    /// Adds the steps of another fit: steps that are already listed are merged, other steps are appended.
     pub fn add_steps(&mut self, others: Vec<StepReport>) {
         for other in others {
             let same = |step: &&mut StepReport| {
@@ -116,7 +116,7 @@ pub struct LsqSeconds {
     pub total: f64,
 }
 
-/// A possible problem with a result.
+/// A possible problem with the result of a fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {

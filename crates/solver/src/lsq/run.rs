@@ -41,7 +41,7 @@ impl Taken {
         Self { steps: Vec::new(), iterations: 0, since: Instant::now() }
     }
 
-    /// Adds a finished step, with the reason if it ended early.
+    /// Adds a finished step. `left` is the reason why the step ended early, if it did.
     pub(super) fn add(&mut self, step: Done<'_>, cg: &Cg, left: Option<String>) {
         let iterations = cg.iterations.saturating_sub(self.iterations);
         self.add_of(step, iterations, cg, left);
@@ -68,7 +68,7 @@ impl LsqSolver<'_> {
         let mut taken = Taken::new();
         let mut steps = plan.steps.iter().zip(&plan.why);
         let mut cg = match (plan.steps.first(), given) {
-            // Right-hand sides may be computed together with the moments.
+            // Computing the moments may also yield the right-hand sides.
             (Some(Step::MakeMoments), Given::Targets(_, targets)) => {
                 let right_sides = self.take_moments_of_fit(Some(targets), monitor)?;
                 let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;

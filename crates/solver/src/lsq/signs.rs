@@ -1,8 +1,8 @@
-//! Independent random signs from a counter, for estimates of traces and for noise. The signs are the same on every
-//! machine and in any order of evaluation.
+//! Generates independent random signs from a counter, for estimating traces and for generating noise. The signs are the
+//! same on every machine and in any order of evaluation.
 
-/// Returns the sign, 1 or -1, at a position of the sequence: a bit of SplitMix64 (G. L. Steele, D. Lea, C. H. Flood,
-/// "Fast splittable pseudorandom number generators", OOPSLA 2014).
+/// Returns the sign, 1 or -1, at a position of the sequence. The sign is given by the lowest bit of an output of
+/// SplitMix64 (G. L. Steele, D. Lea, C. H. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014).
 pub(crate) fn sign(place: u64) -> f64 {
     let mut z = place.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -63,7 +63,8 @@ fn mean(column: ArrayView1<'_, f64>, weights: Option<&[f64]>) -> f64 {
     }
 }
 
-/// Targets at samples, without a penalty.
+/// The cross-validation problem for targets at samples. Its equations contain no penalty; the search adds the penalties
+/// to try.
 struct Samples<'a>(Sampled<'a>);
 
 impl Validated for Samples<'_> {

@@ -23,7 +23,8 @@ use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{MomentNormal, SolverError, check};
 
-/// The stage that the monitor receives during a fit, except while a factor is computed; its number of steps is unknown.
+/// The stage reported to the monitor during a fit, except while a factor is computed. Its number of steps is unknown in
+/// advance.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 
 /// The result of a least-squares fit.
@@ -31,7 +32,7 @@ pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 pub struct LsqFit {
     /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
-    /// Targets minus synthesis (n, c).
+    /// Residual (n, c): targets minus the values of the fit.
     pub residual: Array2<f64>,
     /// Report on the fit.
     pub report: LsqReport,
@@ -56,7 +57,7 @@ pub type MomentsAndRightSides = (Arc<MomentNormal>, Option<Array2<f64>>);
 pub(super) enum Source<'a> {
     /// An operator at the directions of the samples.
     Samples(&'a dyn Operator),
-    /// Moments of samples that aren't available themselves.
+    /// Moments of samples, without the samples themselves.
     Moments(&'a MomentProblem),
 }
 
@@ -85,7 +86,7 @@ pub(super) enum Given<'a> {
     Sums(&'a MomentProblem),
 }
 
-/// Solves for batches of targets on one sampling, and keeps the moments and the factor between batches.
+/// Fits batches of targets on one sampling, and keeps the moments and the factor between batches.
 pub struct LsqSolver<'a> {
     pub(super) source: Source<'a>,
     pub(super) make_gram: Option<&'a MakeGram<'a>>,
@@ -98,7 +99,7 @@ pub struct LsqSolver<'a> {
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
     pub(super) warnings: Vec<LsqWarning>,
-    /// Whether each fit logs its plan.
+    /// Whether to log the plan of each fit.
     pub(super) notes_plans: bool,
     pub(super) factor_seconds: f64,
     pub(super) moment_seconds: f64,
@@ -210,10 +211,10 @@ impl<'a> LsqSolver<'a> {
         Ok(())
     }
 
-    /// Solves for targets (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
+    /// Fits targets (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// Reports the stage `fit` to the monitor, counted in steps whose number is unknown, with a status for each step.
-    /// If a factor is computed, also reports the stage `factor`, counted in flops.
+    /// Reports the stage `fit` to the monitor, counted in steps whose number is unknown, with a status message for each
+    /// step. If a factor is computed, also reports the stage `factor`, counted in flops.
     ///
     /// # Errors
     ///

@@ -121,8 +121,8 @@ fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -
     }
 }
 
-/// Returns whether it saves time to begin with iterations by moments even though there is a stored factor of a
-/// well-conditioned matrix.
+/// Returns whether it saves time to begin with iterations by moments, although a stored factor of a well-conditioned
+/// matrix exists.
 fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
     let (making, each) = match (moments, before_moments) {
         (Moments::Made { uneven: true }, _) => (0.0, cost.preconditioned()),

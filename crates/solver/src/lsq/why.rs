@@ -9,7 +9,7 @@ pub(super) enum Why {
     Requested,
     /// A factor has been computed for an earlier batch.
     FactorMade,
-    /// A factor is stored.
+    /// A stored factor exists.
     FactorStored,
     /// The factor gives a first solution, which the step refines.
     AfterFactor,
@@ -17,7 +17,7 @@ pub(super) enum Why {
     MomentsPay { after: f64, expected: f64 },
     /// The requested preconditioner is the density of the samples, which is computed from the moments.
     DensityRequested,
-    /// The first iterations use the samples, because moments pay off only if more iterations than `after` are needed.
+    /// The first iterations use the samples, because moments pay off only if more than `after` iterations are needed.
     UntilMomentsPay { after: f64 },
     /// Moments would have saved time in the previous iterations, so they may also save time in the remaining
     /// iterations.
@@ -65,7 +65,7 @@ impl fmt::Display for Why {
     }
 }
 
-/// Returns an expected number of iterations as text; it is infinite if there are no more rows than columns.
+/// Formats an expected number of iterations. The number is infinite if there are no more rows than columns.
 fn number(iterations: f64) -> String {
     if iterations.is_finite() { format!("about {iterations:.0}") } else { "many".to_owned() }
 }

@@ -27,7 +27,7 @@ pub trait BlockOperator: Operator {
     /// Returns the number of rows of every chunk except the last.
     fn chunk_rows(&self) -> usize;
 
-    /// Returns the memory of an open block in bytes, in addition to the scratch space.
+    /// Returns the bytes of memory that an open block takes, in addition to the threads' scratch space.
     fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
 
     /// Opens the block of a range of degrees.

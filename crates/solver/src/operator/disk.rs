@@ -103,7 +103,7 @@ impl BlockOperator for DiskOperator {
 
 struct DiskBlock<'a> {
     files: &'a [DegreeFile],
-    /// Windows on entire files; empty if chunks are mapped when they are used.
+    /// Windows (memory maps) on entire files, one per degree; empty if chunks are mapped only while they are used.
     windows: Vec<ChunkWindow<'a>>,
     /// Chunks that had to be decoded, by degree and chunk, kept while the block is open.
     decoded: Vec<Vec<OnceLock<Vec<f64>>>>,

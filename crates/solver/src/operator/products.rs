@@ -12,7 +12,7 @@ use super::{BlockOperator, Residency, Scratch};
 use crate::SolverError;
 use crate::chunked_rows::ChunkedRows;
 
-/// Implements [`Operator::apply`](super::Operator::apply).
+/// Implements [`Operator::apply`](super::Operator::apply) (the product A x) for operators that can be read in blocks.
 pub(super) fn apply_by_blocks(
     operator: &dyn BlockOperator,
     x: ArrayView2<'_, f64>,
@@ -35,7 +35,8 @@ pub(super) fn apply_by_blocks(
     Ok(samples.to_array())
 }
 
-/// Implements [`Operator::apply_adjoint`](super::Operator::apply_adjoint).
+/// Implements [`Operator::apply_adjoint`](super::Operator::apply_adjoint) (the product A^T r) for operators that can be
+/// read in blocks.
 pub(super) fn apply_adjoint_by_blocks(
     operator: &dyn BlockOperator,
     r: ArrayView2<'_, f64>,

@@ -10,8 +10,8 @@ use spharm_linalg::{Accum, MatMut, MatRef, NotPositiveDefinite, add_gram, choles
 
 use super::{ThreadedKernels, assert_extent};
 
-/// Largest number of rows and columns of a tile. Products of larger tiles run no faster, and with smaller tiles the
-/// factors of products are packed more often.
+/// Largest number of rows and columns of a tile. Products of larger tiles aren't faster. With smaller tiles, the
+/// factors of products are copied into packed form more often.
 const TILE: usize = 512;
 /// Largest order of a matrix that is factorised by one thread.
 const FACTOR: usize = 256;
@@ -118,9 +118,9 @@ impl Faer {
         self.join(|| self.divide(c, above), || self.divide(c, below));
     }
 
-    /// Computes the lower Cholesky factor by halves. First factorises the first diagonal block, and divides the block
-    /// below it by that factor. Then subtracts the product of the result with its transpose from the second diagonal
-    /// block, and factorises the second diagonal block.
+    /// Computes the lower Cholesky factor of a matrix divided into 2 x 2 blocks. First factorises the upper diagonal
+    /// block and divides the block below it by the transpose of that factor. Then subtracts the product of the result
+    /// and its transpose from the lower diagonal block, and factorises this block.
     fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
         let k = matrix.nrows();
         if k <= FACTOR {

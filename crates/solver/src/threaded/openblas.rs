@@ -37,7 +37,7 @@ pub struct OpenBlas {
 
 impl ThreadedKernels for OpenBlas {
     const RESERVED_PER_THREAD: usize = spharm_blas::RESERVED_PER_THREAD;
-    /// Measured bytes of buffers that a thread touches.
+    /// Measured number of bytes of its buffers that a thread touches.
     const TOUCHED_PER_THREAD: usize = 34 << 20;
 
     /// Returns the version, kernels and build options of OpenBLAS.
@@ -159,7 +159,7 @@ mod tests {
         unsafe { openblas_get_num_threads() }
     }
 
-    /// Returns OpenBLAS's number of threads while no other test uses OpenBLAS.
+    /// Returns OpenBLAS's number of threads, read while no other test uses OpenBLAS.
     fn threads_of_nobody() -> c_int {
         let _only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         threads()

@@ -9,7 +9,7 @@ use spharm_transform::synthesis;
 use crate::Error;
 use crate::assess::Distances;
 
-/// A random choice of vertices that are held out of a fit.
+/// Vertices that were chosen at random and are held out of a fit.
 pub(crate) struct HoldOut {
     held: Vec<bool>,
 }
@@ -26,8 +26,8 @@ pub struct HeldOut {
 }
 
 impl HoldOut {
-    /// Holds out about the given fraction of n vertices. The random numbers have a fixed seed, so the choice is
-    /// reproducible.
+    /// Chooses at random about the fraction `fraction` of n vertices and holds them out. The seed is fixed, so the
+    /// choice is reproducible.
     ///
     /// # Errors
     ///
@@ -53,15 +53,16 @@ impl HoldOut {
         self.held.iter().filter(|held| **held).count()
     }
 
-    /// Returns the weights with 0 at the held-out vertices. Without weights, all other vertices get weight 1.
+    /// Returns `weights` with 0 at the held-out vertices. If `weights` is `None`, all other vertices get weight 1.
     pub(crate) fn apply(&self, weights: Option<Vec<f64>>) -> Vec<f64> {
         let mut weights = weights.unwrap_or_else(|| vec![1.0; self.held.len()]);
         weights.iter_mut().zip(&self.held).filter(|(_, held)| **held).for_each(|(weight, _)| *weight = 0.0);
         weights
     }
 
-    /// Returns the distances between the model with `coefficients` (K, c) and `targets` (n, c), at the held-out
-    /// vertices and at the fitted vertices. Vertices marked in `unread` are excluded.
+    /// Returns the distances between a model and `targets` (one row per vertex, one column per channel), at the
+    /// held-out vertices and at the fitted vertices. The model has the given coefficients, one row per basis function.
+    /// Vertices marked in `unread` are excluded.
     pub(crate) fn assess(
         &self,
         directions: &Directions,

@@ -1,11 +1,12 @@
-//! Measures the distances between a model and its surface as distances between two surfaces, without corresponding
-//! points.
+//! Measures the distances between a model and its surface as distances between two surfaces, for which no corresponding
+//! points are needed.
 //!
-//! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction. Finely meshed
-//! parts of a surface have more vertices and therefore more influence. For a shape, the relevant quantity is the
-//! distance between two surfaces, which doesn't depend on corresponding points. Here the model is evaluated on an
-//! icosphere with about twice as many vertices as a fit of its degree has samples. Distances are measured both ways:
-//! from points spread over each surface to the nearest point of the other surface.
+//! The measures msd and xsd (mean and maximum squared distance at the vertices) compare each vertex with the model's
+//! value in that vertex's direction. Finely meshed parts of a surface have more vertices and therefore more influence.
+//! For a shape, the relevant quantity is the distance between two surfaces, which doesn't depend on corresponding
+//! points. Here the model is evaluated on an icosphere with about twice as many vertices as a fit of the model's degree
+//! has samples. Distances are measured both ways: from points spread over each surface to the nearest point of the
+//! other surface.
 
 use std::f64::consts::PI;
 
@@ -20,8 +21,8 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::Error;
 
-/// Distances from the model to its surface and from the surface to the model, over the area of each. If weights of 0
-/// exclude a part of the surface, only distances from the rest of the surface to the model are measured.
+/// Distances from the model to its surface and from the surface to the model, taken over each one's area. If weights of
+/// 0 exclude a part of the surface, only distances from the remaining surface to the model are measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[non_exhaustive]
 pub struct SurfaceDistances {
@@ -37,7 +38,7 @@ pub struct SurfaceDistances {
     pub percentile95_raw: f64,
     /// Hausdorff distance in the surface's own unit.
     pub hausdorff_raw: f64,
-    /// Number of points on triangles from which distances were measured, in addition to the vertices.
+    /// Number of points inside triangles from which distances were measured, in addition to the vertices.
     pub points: usize,
     /// Number of vertices of the model's icosphere.
     pub model_vertices: usize,
@@ -61,15 +62,15 @@ impl ReadSurface {
     }
 }
 
-/// Minimum number of icosphere vertices per basis function. With this number of vertices, the edges of the icosphere
-/// are a sixth of the shortest wavelength.
+/// Minimum number of icosphere vertices per basis function. With this number, the edges of the icosphere are a sixth of
+/// the shortest wavelength of the basis functions.
 const VERTICES_PER_FUNCTION: usize = 12;
 
-/// Number of points per basis function from which distances are measured on each surface. A fit uses a quarter as many
-/// samples.
+/// Number of points on each surface, per basis function, from which distances are measured. A fit uses a quarter as
+/// many samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
+/// Minimum and maximum number of subdivisions of the icosphere, which give 2,562 and 655,362 vertices.
 const LEVELS: [u32; 2] = [4, 8];
 
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
@@ -105,7 +106,7 @@ impl ModelSurface {
             .find(|&level| Self::bytes(max_degree, level, faces).is_some_and(|needed| needed <= bytes))
     }
 
-    /// Returns the memory in bytes for a comparison with a surface of `faces` triangles.
+    /// Returns the number of bytes that a comparison with a surface of `faces` triangles needs.
     fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
         /// Bytes per triangle and per point, as in [`spharm_surface::metrics::surface_distance_bytes`].
         const TRIANGLE: usize = 370;
@@ -130,7 +131,7 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between the model with `coefficients` (K, 3) and the surface with `vertices` (n, 3) and
+    /// Returns the distances between the model with the given coefficients and the surface with the given vertices and
     /// the triangles selected in `read`. Returns `None` if the surface has no area or its bounding box has no volume.
     pub(crate) fn assess(
         &self,
@@ -141,9 +142,9 @@ impl ModelSurface {
         monitor: &dyn Monitor,
     ) -> Result<Option<SurfaceDistances>, Error> {
         let Some(scale) = scale else { return Ok(None) };
-        // The transform's errors are proportional to the largest coefficients. Far from the origin, these are the
-        // coefficients of the model's position. Therefore the mean position is subtracted from both the model and the
-        // surface before distances are measured.
+        // The transform's errors are proportional to the largest coefficients. If the model is far from the origin, the
+        // largest coefficients are those of its position. Therefore the mean position is subtracted from both the model
+        // and the surface before distances are measured.
         let mean: [f64; 3] = std::array::from_fn(|k| {
             let value = coefficients[[0, k]] / (4.0 * PI).sqrt();
             if value.abs() > FAR * scale { value } else { 0.0 }

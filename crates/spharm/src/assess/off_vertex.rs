@@ -8,8 +8,8 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// Maximum of the number of triangle centres times the number of basis functions. With this maximum, the evaluation
-/// takes only a few hundredths of a second up to degree 300.
+/// Maximum product of the number of triangle centres and the number of basis functions. It keeps the time of an
+/// evaluation to a few hundredths of a second up to degree 300.
 const WORK: usize = 20_000_000;
 /// Minimum and maximum number of triangle centres.
 const PLACES: [usize; 2] = [200, 2000];
@@ -21,7 +21,7 @@ const OSCILLATION: f64 = 10.0;
 /// the rms of the triangles' longest edges; see [`OSCILLATION`].
 const LEAST: f64 = 0.3;
 
-/// Centres of triangles of a sphere, chosen at equal steps in the list of triangles.
+/// Centres of some of a sphere's triangles, which are evenly spaced in the list of triangles.
 pub(crate) struct OffVertex {
     faces: Vec<[u32; 3]>,
     centres: Directions,
@@ -37,7 +37,7 @@ impl OffVertex {
         };
         let places = (WORK / functions).clamp(PLACES[0], PLACES[1]);
         let step = sphere.faces.len().div_ceil(places).max(1);
-        // The centre of a triangle that spans much of the sphere is meaningless.
+        // The centre of a triangle that covers much of the sphere is meaningless.
         let small = |(_, sum): &([u32; 3], [f64; 3])| sum.iter().map(|x| x * x).sum::<f64>() > 1.0;
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -50,17 +50,17 @@ impl OffVertex {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Returns the directions of the p triangle centres.
+    /// Returns the directions of the triangle centres.
     pub(crate) fn centres(&self) -> &Directions {
         &self.centres
     }
 
-    /// Evaluates the model with `coefficients` (K, 3) at the p triangle centres. Returns the values (p, 3).
+    /// Evaluates the model with the given coefficients at the triangle centres. Returns one position per centre.
     pub(crate) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(synthesis(&self.centres, coefficients)?)
     }
 
-    /// Returns the distances between the model's values (p, 3) at the triangle centres and the centres of the surface's
+    /// Returns the distances between the model's positions at the triangle centres and the centres of the surface's
     /// triangles. If the model oscillates, also returns the rms of these distances divided by the rms of `at`, the
     /// distances at the vertices.
     pub(crate) fn assess(

@@ -20,9 +20,9 @@ pub struct Carried {
 }
 
 impl Group {
-    /// Carries points on member `source` to the corresponding positions on member `target`, each point in its member's
-    /// own frame. The source's surface is approximated by the triangles between its corresponding points. A point's
-    /// offset from these triangles is kept on the target.
+    /// Carries points on member `source` to the corresponding positions on member `target`. Each position is in the
+    /// frame of the member that it lies on. The source's surface is approximated by the triangles between its
+    /// corresponding points. A point's offset from these triangles is kept on the target.
     ///
     /// # Errors
     ///
@@ -56,15 +56,16 @@ impl Group {
     }
 }
 
-/// Transports a vector from one triangle to another. Its components along the first edge, across that edge within the
-/// triangle, and along the normal stay the same.
+/// Transports a vector from one triangle to another. Its components in the triangles' frames (see [`frame`]) stay the
+/// same.
 fn transported(vector: Vec3, from: &[Vec3; 3], to: &[Vec3; 3]) -> Vec3 {
     let ([a, b, c], to) = (frame(from), frame(to));
     let parts = [a, b, c].map(|axis| dot(axis, vector));
     std::array::from_fn(|k| (0..3).map(|i| parts[i] * to[i][k]).sum())
 }
 
-/// Returns unit vectors along a triangle's first edge, across it within the triangle, and normal to the triangle.
+/// Returns a triangle's orthonormal frame: the direction of its first edge, the direction perpendicular to that edge in
+/// the triangle's plane, and the normal.
 fn frame([a, b, c]: &[Vec3; 3]) -> [Vec3; 3] {
     let along = unit(sub(*b, *a));
     let normal = unit(cross(sub(*b, *a), sub(*c, *a)));

@@ -39,7 +39,7 @@ struct Shared {
     members: Option<Vec<String>>,
     max_degree: usize,
     directions: usize,
-    /// Indices of directions that have no counterpart on members.
+    /// Indices of the sphere's directions that have no counterpart on the members.
     masked: Vec<usize>,
     spread: f64,
     #[serde(default)]
@@ -65,7 +65,7 @@ struct Member {
     /// versions lack this field and store its value in `mirrored`.
     #[serde(default)]
     mirrored_first: Option<bool>,
-    /// Order of the axes in which a volume was read.
+    /// Order of the axes in which the member's volume was read.
     #[serde(default)]
     axes: Option<String>,
     to_group: Similarity,
@@ -142,7 +142,7 @@ fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let mut sorted = names.to_vec();
     sorted.sort_unstable();
     match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => refused("different names", format!("{:?} twice", pair[0])),
+        Some(pair) => refused("a different name for each member", format!("{:?} twice", pair[0])),
         None => Ok(()),
     }
 }

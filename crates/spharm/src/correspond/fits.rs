@@ -20,7 +20,7 @@ use super::together::mesh_of;
 use crate::model::signed;
 use crate::{Error, Fit, FitParams, Objective, fit_many};
 
-/// Accuracy of the models' values at directions that a flow has moved, relative to the coefficients.
+/// Accuracy of the models' values at directions moved by a flow, relative to the models' coefficients.
 const ACCURACY: f64 = 1e-9;
 
 /// Corresponding points of all members, and a model fitted to the points of each member.
@@ -76,7 +76,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // Only the template's triangles are used here, so the template is prepared without the drift.
+        // Only the template's triangles are used here, so the template is prepared without `drift`.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -85,7 +85,7 @@ impl Fitted {
         Ok((found.report, turned))
     }
 
-    /// Moves each member's points by a flow, projects them onto its surface and fits them again. See
+    /// Moves the points of each member by that member's flow, projects them onto its surface and fits them again. See
     /// [`refine`](Self::refine).
     pub(super) fn follow(
         &mut self,

@@ -31,8 +31,8 @@ pub struct GuideLandmarks {
 pub struct GuideReport {
     /// Distance of each of the p landmarks from its corresponding point, in the finished group.
     pub guided: Vec<f64>,
-    /// Distance of each of the p landmarks when it is left out of the last registration. This distance estimates the
-    /// error of the correspondence away from landmarks.
+    /// Distance of each of the p landmarks from its corresponding point when the landmark is left out of the last
+    /// registration. This distance estimates the error of the correspondence away from landmarks.
     pub left_out: Vec<f64>,
     /// The distances of the left-out landmarks for each member, before averaging.
     #[serde(skip)]
@@ -121,7 +121,7 @@ impl GuideLandmarks {
 
 /// Result of comparing a pose that was computed from the surfaces alone with the pose computed from landmarks.
 pub(super) enum Verdict {
-    /// Too few landmarks, or landmarks on a line, don't determine the rotation.
+    /// The landmarks don't determine the rotation, because they are too few or lie on a line.
     Undetermined,
     /// The landmarks give the same rotation as the surfaces.
     Confirmed,
@@ -139,7 +139,7 @@ pub(super) struct PoseByLandmarks {
     pub(super) distance: f64,
 }
 
-/// Returns the positions of points relative to their mean.
+/// Returns the positions of points relative to the points' mean.
 pub(super) fn about_their_mean(points: &[Vec3]) -> Vec<Vec3> {
     let share = 1.0 / points.len() as f64;
     let mean: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
@@ -199,7 +199,7 @@ impl<'a> Guided<'a> {
     }
 
     /// Divides a member's p landmarks into parts, and repeats the registration with each part left out. Returns each
-    /// landmark's distance in the registration without its part.
+    /// landmark's distance from its corresponding point in the registration that leaves its part out.
     pub(super) fn left_out(
         &self,
         guides: &[Guide],

@@ -34,11 +34,11 @@ pub struct NewMember {
     pub reached: Vec<bool>,
     /// Report on the registration of the surface.
     pub report: MemberReport,
-    /// Warnings, each of which is a reason to check the surface. In these warnings, the index of the member is 0.
+    /// Warnings, each of which is a reason to check the surface. They refer to the surface as member 0.
     pub warnings: Vec<CorrespondWarning>,
 }
 
-/// Number of members whose distances from the mean are compared with the distance of a new member.
+/// Maximum number of the group's members with which a new member is compared by distance from the mean.
 const USUAL: usize = 8;
 
 /// Number of subdivisions of the icosphere on which models are evaluated for comparisons with surfaces. With coarser
@@ -46,7 +46,7 @@ const USUAL: usize = 8;
 /// surfaces.
 const FINE: u32 = 5;
 
-/// Data of a group, prepared once for all new members.
+/// A group prepared for new members: data that are computed once and used for all of them.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
@@ -59,8 +59,8 @@ pub struct Joining {
 }
 
 impl Joining {
-    /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
-    /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
+    /// Prepares a group for new members. `members` are the coefficients of the group's members, or of a few hundred of
+    /// them. If the group was refined and there are at least three `members`, new members' points are refined by the
     /// mean and the modes of `members`. To find warnings, new members are compared with some of `members`. The settings
     /// of poses and registration are taken from `params`.
     ///
@@ -180,8 +180,8 @@ impl Joining {
 
     /// Returns a warning if a new surface or its pose is doubtful. A surface is doubtful if its model's distance from
     /// the mean, `of_model`, is much larger than the distances of the members' models. Its pose is doubtful if another
-    /// pose or the mirror image of the surface is nearer to the mean than the surface in its pose `posed`. If size
-    /// explains the difference from the mean, distances at one size are compared.
+    /// pose, or the mirror image of the surface, is nearer to the mean than the surface in its pose `posed`. If the
+    /// surface differs from the mean mainly in size, it is compared with the mean after scaling.
     fn doubts(
         &self,
         surface: &Mesh,
@@ -218,8 +218,8 @@ impl Joining {
     }
 }
 
-/// Distances of a model in the group's frame from the mean: at its own size, and at the mean's size. If the sizes in a
-/// group differ, only the distance at the mean's size reveals a body of another shape.
+/// Distances of a model in the group's frame from the mean: at the model's own size, and at the mean's size. If the
+/// sizes in a group differ, only the distance at the mean's size reveals a body of a different shape.
 #[derive(Clone, Copy)]
 struct FromMean {
     own: f64,
@@ -236,7 +236,8 @@ impl FromMean {
         Ok(Self { own: distance(false)?, at_one_size: distance(true)? })
     }
 
-    /// Returns the medians of the two distances over at most [`USUAL`] members, evenly spaced in the list.
+    /// Returns the usual distances: the median of each of the two over at most [`USUAL`] members, evenly spaced in the
+    /// list.
     fn usual(members: &[Coefficients], mean: &PoseSurface, monitor: &dyn Monitor) -> Result<Option<Self>, Error> {
         let some = members.iter().step_by(members.len().div_ceil(USUAL).max(1));
         let found = some.map(|member| Self::of(member, mean, monitor)).collect::<Result<Vec<_>, Error>>()?;

@@ -16,7 +16,7 @@ use crate::Error;
 /// Minimum distance of a misplaced landmark from its usual place, as a multiple of a median distance over the members.
 /// The median is that of the same landmark or that of a typical landmark, whichever is larger.
 const UNUSUAL: f64 = 5.0;
-/// A misplaced landmark is farther from its usual place than this fraction of the mean surface's extent.
+/// Minimum distance of a misplaced landmark from its usual place, as a fraction of the mean surface's extent.
 const FAR: f64 = 0.02;
 /// Landmarks aren't compared if they are farther from their member's surface than this fraction of the mean surface's
 /// extent.
@@ -27,8 +27,8 @@ const MENDED: f64 = 0.3;
 /// Minimum number of members for comparing landmarks with their usual places. With fewer members, median distances are
 /// often much too small.
 const LEAST: usize = 4;
-/// Minimum number of a member's landmarks, and of those at unusual places, for a wrong pose to be considered. With
-/// fewer landmarks, an exchange of names may look like a rotation.
+/// Minimum numbers for a wrong pose to be considered: of a member's landmarks, and of those among them that are at
+/// unusual places. With fewer landmarks, an exchange of names may look like a rotation.
 const OF_POSE: [usize; 2] = [4, 3];
 /// Maximum number of landmarks that a message lists.
 const LISTED: usize = 5;
@@ -48,7 +48,7 @@ pub enum LandmarkCause {
     Guiding,
 }
 
-/// Warning that landmarks of a member aren't at their usual places, the median places on all members.
+/// Warning that a member's landmarks are far from their usual places: the median places over all members.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MisplacedLandmarks {
     /// Index of the member, counted from 0.
@@ -247,12 +247,12 @@ impl Compared {
         Some(length(sub(self.positions[member][from]?, self.places[to]?)))
     }
 
-    /// Returns warnings for landmarks that are farther than `far`, and much farther than usual, from their places.
+    /// Returns warnings for landmarks farther than `far`, and much farther than is usual, from their usual places.
     fn misplaced(&self, far: f64) -> Vec<MisplacedLandmarks> {
         let of_landmark = |k: usize| median((0..self.positions.len()).filter_map(|member| self.distance(member, k, k)));
         let usual: Vec<f64> = (0..self.places.len()).map(|k| of_landmark(k).unwrap_or(f64::INFINITY)).collect();
         // If there are few members, the median distance of a single landmark may be small by chance. Therefore the
-        // median over all landmarks serves as a lower bound of the usual distance.
+        // usual distance of a landmark is at least the median over all landmarks.
         let typical = median(usual.iter().copied().filter(|u| u.is_finite())).unwrap_or(0.0);
         let least = |k: usize| far.max(UNUSUAL * usual[k].max(typical));
         let of_member = |member: usize| -> Option<MisplacedLandmarks> {

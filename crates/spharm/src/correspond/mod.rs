@@ -9,7 +9,7 @@
 //! 1. Poses are found from the surfaces alone ([`spharm_surface::pose`]).
 //! 2. The most typical subject, or a given surface, is the template. The template is repaired, mapped and fitted
 //!    ([`template`]).
-//! 3. The template is registered to every subject ([`spharm_register`]); the mean of the group is the next round's
+//! 3. The template is registered to every subject ([`spharm_register`]); the group's mean is then the next round's
 //!    template.
 //! 4. All subjects are fitted over the template's sphere in one call.
 //! 5. The corresponding points are refined by the group ([`mod@spharm_shape::groupwise`]), projected onto the surfaces
@@ -88,7 +88,7 @@ pub struct GroupTemplate {
     pub sphere: Sphere,
     /// The group's mean, in the group's frame.
     pub mean: Coefficients,
-    /// For each of the n directions, whether it has no counterpart on members, as in the filled holes of the first
+    /// For each of the n directions, whether it has no counterpart on the members, as in the filled holes of the first
     /// template.
     pub masked: Vec<bool>,
     /// Root mean square distance of the members from the mean, weighted by area.
@@ -99,7 +99,7 @@ pub struct GroupTemplate {
 
 impl GroupTemplate {
     /// Returns, for each of the given unit vectors, whether the nearest of the group's directions has a counterpart on
-    /// members.
+    /// the members.
     #[must_use]
     pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
         if !self.masked.contains(&true) {

@@ -10,7 +10,7 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// A warning is given if the share of a member's area without a counterpart on the template exceeds this value.
+/// Largest share of a member's area that may have no counterpart on the template without a warning.
 pub(super) const UNREACHED: f64 = 0.02;
 
 /// Two surfaces are treated as the same if they differ by at most this fraction in area and in volume.
@@ -32,7 +32,7 @@ pub struct CorrespondReport {
     pub members: Vec<MemberReport>,
     /// Reasons to check members.
     pub warnings: Vec<CorrespondWarning>,
-    /// Set if the members' files state different axes.
+    /// The axes stated in the members' files, if they differ between members.
     pub axes: Option<AxesDiffer>,
     /// Report on guiding landmarks; `None` without landmarks.
     pub guide: Option<GuideReport>,
@@ -65,7 +65,7 @@ pub struct MemberReport {
     pub pose_distance: f64,
     /// Root mean square distance of the member's surface from the registered template.
     pub cover_rms: f64,
-    /// 99th percentile over the member's surface of the distance from the registered template.
+    /// 99th percentile, over the member's surface, of the distance from the registered template.
     pub cover_most: f64,
     /// Largest distance found between the member's surface and the registered template.
     pub cover_farthest: f64,
@@ -109,7 +109,7 @@ impl MemberReport {
     }
 
     /// Returns whether the areas and volumes of two members' surfaces are equal within a relative difference of 1e-6.
-    /// Members with equal areas and volumes are the same surface, possibly moved or mirrored.
+    /// If they are, the two surfaces are taken to be the same, possibly moved or mirrored.
     #[must_use]
     pub fn same_surface(&self, other: &Self) -> bool {
         self.area > 0.0 && close(self.area, other.area) && close(self.volume, other.volume)
@@ -138,7 +138,7 @@ pub enum CorrespondWarning {
         /// Share of the template's directions that have no counterpart.
         share: f64,
     },
-    /// Two members are the same surface.
+    /// Two members have the same surface.
     Same {
         /// Index of the member, counted from 0.
         member: usize,

@@ -2,7 +2,7 @@
 //!
 //! | file | contents |
 //! |---|---|
-//! | `key.json` | the group's inputs and settings: a folder with another key is refused |
+//! | `key.json` | the group's inputs and settings: a folder with a different key is refused |
 //! | `R-I.npz` | round R, surface I: `vertices` (n, 3); `reached` (n, 1), 1 or 0; `numbers`: cover, flipped triangles, distances of left-out landmarks |
 //!
 //! An unreadable file is treated as missing: its registration is repeated.
@@ -16,9 +16,9 @@ use spharm_surface::io::write_new;
 
 use crate::Error;
 
-/// Number of values in `numbers` before the distances of landmarks.
+/// Number of values in `numbers` that precede the distances of landmarks.
 const NUMBERS: usize = 5;
-/// Largest size of a key in bytes.
+/// Maximum size of a key in bytes.
 const MOST: u64 = 64 << 20;
 
 /// A folder in which registrations are stored.
@@ -32,8 +32,8 @@ impl Resume {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] if the folder has another key or contains unrelated files; [`Error::Surface`] if it can't
-    /// be read or written.
+    /// [`Error::GroupFile`] if the folder has a different key or contains unrelated files; [`Error::Surface`] if it
+    /// can't be read or written.
     pub fn open(folder: &Path, key: &str) -> Result<Self, Error> {
         let path = folder.join("key.json");
         let io = |action| {
@@ -77,7 +77,7 @@ impl Resume {
     }
 
     /// Reads a stored registration of a template with n vertices, and the distances of left-out landmarks. `landmarks`
-    /// is the number of these distances. Returns `None` if the file is missing or unreadable.
+    /// is the number of left-out landmarks. Returns `None` if the file is missing or unreadable.
     pub(super) fn read(
         &self,
         round: usize,

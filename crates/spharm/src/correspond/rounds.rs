@@ -22,13 +22,14 @@ use super::together::{mean as mean_of, mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// A warning is given if the share of the template's directions without a counterpart on a member exceeds this value.
+/// Largest share of the template's directions that may lack a counterpart on a member without a warning.
 const LACKING: f64 = 0.05;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
-    /// Maps from the surfaces to the frames in which corresponding points are found. If size explains the differences
-    /// in the group, the maps include scaling.
+    /// Maps from the surfaces to the frames in which corresponding points are found. The maps include scaling if the
+    /// differences in the group are explained by size (see
+    /// [`GroupPoses::at_one_size`](spharm_surface::pose::GroupPoses::at_one_size)).
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
     /// Area and absolute volume of each surface, in the surface's own unit.
@@ -110,8 +111,8 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         motions.iter_mut().zip(&aligned).for_each(|(motion, aligned)| *motion = motion.then(aligned));
         mean
     };
-    // With `keep_poses`, the composed motion is known exactly, and without scaling, its scale is known to be 1. Use
-    // these values, which have no rounding errors.
+    // With `keep_poses`, the composition of the two motions is known exactly. Without scaling, its scale is known to be
+    // exactly 1. The known values are used, because they have no rounding errors.
     let moved = |(index, (own, motion)): (usize, (&Similarity, &Similarity))| match params {
         CorrespondParams { keep_poses: true, .. } => params.reflection(index).unwrap_or_default(),
         CorrespondParams { pose: PoseParams { scale: false, .. }, .. } => Similarity { scale: 1.0, ..own.then(motion) },
@@ -313,7 +314,7 @@ pub(super) fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<Corresp
 }
 
 /// Returns warnings for members whose area and volume equal those of an earlier member within a relative difference of
-/// 1e-6. Members with equal areas and volumes are the same surface, possibly moved or mirrored.
+/// 1e-6. Such members are taken to be the same surface, possibly moved or mirrored.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());
     let earlier = |member: usize| {

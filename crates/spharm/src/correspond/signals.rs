@@ -1,9 +1,9 @@
-//! Adds signals on the surfaces, such as thickness, to the channels that the refinement matches, positions and normals.
+//! Adds signals on the surfaces, such as thickness, to the positions and normals that the refinement matches.
 //!
-//! The value of a signal at a corresponding point is interpolated at the nearest point of the member's surface. These
-//! values are scaled, and fitted over the group's sphere. After scaling, a signal's standard deviation over the area of
-//! all members is its weight times the square root of the members' mean area. Differences of a signal are then
-//! comparable with distances.
+//! The value of a signal at a corresponding point is interpolated at the nearest point of the member's surface. The
+//! interpolated values are scaled, and fitted over the group's sphere. After scaling, a signal's standard deviation
+//! over the area of all members is its weight times the square root of the members' mean area. Differences in a signal
+//! are then comparable with distances.
 
 use std::fmt;
 use std::sync::Arc;
@@ -50,8 +50,8 @@ impl Signals {
         }
     }
 
-    /// Returns the coefficients (K, signals) of each member's signals, scaled to units of length. Masked directions
-    /// don't contribute to the standard deviations.
+    /// Returns the coefficients of each member's signals, one column per signal, scaled to units of length. Masked
+    /// directions don't contribute to the standard deviations.
     pub(super) fn fitted(
         &self,
         subjects: &Subjects<'_>,
@@ -110,7 +110,7 @@ impl Signals {
     }
 
     /// Subtracts from each signal its mean over all members, and scales it to the standard deviation given by its
-    /// weight. `values` contains an array (n, channels) for each member, with one column per signal.
+    /// weight. `values` contains an array for each member, with one row per direction and one column per signal.
     fn scale(
         &self,
         values: &mut [Vec<f64>],
@@ -142,7 +142,8 @@ impl Signals {
     }
 }
 
-/// Appends the coefficients of signals to the coefficients of positions. Returns an array (K, 3 + signals).
+/// Appends the coefficients of signals to those of positions. Returns an array with one row per basis function: three
+/// columns for positions, then one column per signal.
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

@@ -11,10 +11,10 @@ use crate::Error;
 use crate::parametrize::parametrize_with;
 
 /// Lowest degree for which the template is mapped to the sphere, even if the group's models have a lower degree. With a
-/// lower value, too few directions might lie on thin parts.
+/// lower value, too few directions might lie on thin parts of the surface.
 const DEGREE: usize = 40;
-/// Points at this distance or more from the original surface are treated as lying on a cut or a filled hole. The
-/// distance is relative to the square root of the surface's area.
+/// Minimum distance from the original surface at which a point is treated as lying on a cut or a filled hole, relative
+/// to the square root of the surface's area.
 const FILLED: f64 = 0.005;
 
 /// A surface resampled at the directions of an icosphere.

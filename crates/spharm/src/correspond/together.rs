@@ -9,8 +9,8 @@ use spharm_surface::{Mesh, Similarity};
 
 /// Number of rounds of Procrustes analysis; each reduces the misalignment by a factor of about ten.
 const ROUNDS: usize = 5;
-/// This multiple of the median variance is added to the variance of each point, which limits the weight of points that
-/// hardly vary.
+/// The variance that is added to each point's variance, as a multiple of the median variance. It limits the weight of
+/// points that hardly vary.
 const ADDED_VARIANCE: f64 = 1.0;
 
 /// Aligns members rigidly by their n corresponding points. Each point is weighted by its area and by the inverse of
@@ -53,8 +53,8 @@ fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity],
     }
 }
 
-/// Returns a weight for each point: its area divided by the members' variance about the mean there. The weights are
-/// normalised to sum 1.
+/// Returns a weight for each point: its area divided by the variance of the members' positions of this point about the
+/// mean. The weights are normalised to sum 1.
 fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
     let square = |member: &Vec<Vec3>, v: usize| {
         let off = sub(member[v], mean[v]);
@@ -116,8 +116,8 @@ pub(super) fn mean(members: &[Vec<Vec3>]) -> Vec<Vec3> {
     (0..members.first().map_or(0, Vec::len)).map(at).collect()
 }
 
-/// Returns each point's share of the area, averaged over the members. The shares have sum 1, and are 0 for masked
-/// points.
+/// Returns each point's share of the surface's area, averaged over the members. The shares have sum 1, and are 0 for
+/// masked points.
 pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> Vec<f64> {
     let mut weights = vec![0.0; masked.len()];
     for member in members {
@@ -178,7 +178,7 @@ mod tests {
         assert!(apart(&motions[0], &motions[1]) < 0.001, "{}", apart(&motions[0], &motions[1]));
         let least_squares = rigid(&body(0.3), &body(0.0), &weights(&members, &ball.faces, &masked));
         assert!(apart(&Similarity::default(), &least_squares) > 0.05);
-        // Aligning a single member with the mean gives the same motion as aligning the group did.
+        // The alignment of a single member with the mean gives the same motion as the alignment of the whole group.
         let mut one = body(0.3);
         let areas = weights(std::slice::from_ref(&mean), &ball.faces, &masked);
         let motion = to_mean(&mean, &mut one, &areas);

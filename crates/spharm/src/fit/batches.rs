@@ -61,11 +61,11 @@ pub(crate) struct Batch {
 
 /// The result of fitting a batch by one of the methods.
 pub(crate) struct Solved {
-    /// Canonical coefficients (K, columns) of the batch.
+    /// Canonical coefficients of the batch (basis functions x columns).
     pub(crate) coefficients: Array2<f64>,
-    /// For each sweep: whether it was a refinement, and the norms of each target's residual.
+    /// For each sweep: whether it was a refinement, and the norms of each target's residual after the sweep.
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
-    /// Standard errors (K, columns) of the coefficients, if requested.
+    /// Standard errors of the coefficients (basis functions x columns), if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
     /// For each target, the noise removed from it or from each of its channels. Empty without denoising.
     pub(crate) denoised: Vec<Vec<Denoised>>,
@@ -73,14 +73,14 @@ pub(crate) struct Solved {
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings that apply to all targets of the batch.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Results of each target. Empty for quadrature.
+    /// Solution of each target. Empty for quadrature.
     pub(crate) per_target: Vec<PerTarget>,
-    /// Values (p, c) of each target's model at the centres of p triangles. Empty if the method doesn't compute them.
+    /// Values (p x channels) of each target's model at the centres of p triangles; empty if the method has none.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
 
-/// The solution of one target of a batch.
+/// The solution of one target in a batch.
 pub(crate) struct PerTarget {
     pub(crate) optimality: Option<f64>,
     pub(crate) warnings: Vec<FitWarning>,
@@ -103,12 +103,12 @@ impl Batch {
         batch
     }
 
-    /// Returns the number of columns of all targets.
+    /// Returns the total number of columns of all targets.
     pub(crate) fn columns(&self) -> usize {
         self.groups.last().map_or(0, |group| group.end)
     }
 
-    /// Iterates over the targets. Yields each target's columns in the batch and its values (n, c).
+    /// Iterates over the targets. Yields each target's columns in the batch and its values (vertices x channels).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
     }
@@ -118,8 +118,8 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
-    /// Measures the distances between surfaces and their models with `coefficients` (K, columns). Models are measured
-    /// one after another, since each measurement uses all threads.
+    /// Measures the distances between surfaces and their models, one after another, since each measurement uses all
+    /// threads. `coefficients` has one column per column of the batch.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -134,7 +134,7 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(of).collect()
     }
 
-    /// Returns the columns of all targets side by side, as an array (n, columns).
+    /// Returns the columns of all targets side by side, as an array with one row per vertex.
     pub(crate) fn side_by_side(&self) -> Array2<f64> {
         let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
         let mut all = Array2::zeros((rows, self.columns()));
@@ -168,7 +168,7 @@ fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
     Err(SurfaceError::VertexCount { path, sphere: sphere.path.clone(), expected, found }.into())
 }
 
-/// Returns a target's values as an array of shape (n, c).
+/// Returns a target's values as an array with one row per vertex and one column per channel.
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
     ArrayView2::from_shape(shape, &target.values[..])
@@ -227,8 +227,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Fits a batch and passes its fits on. If the batch misses the tolerance, each target is fitted separately, to
-    /// find the targets that reach it.
+    /// Fits a batch and passes its fits to the caller. If the batch misses the tolerance, each target is fitted
+    /// separately, to find the targets that reach it.
     fn solve(
         &mut self,
         batch: Batch,
@@ -317,7 +317,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     }
 }
 
-/// Returns the assessed fit of one target of a batch.
+/// Returns the assessed fit of one target in a batch.
 fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result<Fit, Error> {
     let (target, group, change) = (&batch.targets[index], batch.groups[index].clone(), &batch.changes[index]);
     let scale = scale_of(target);

@@ -77,7 +77,8 @@ pub(super) fn solve(
     Ok(MomentFit { coefficients, residual_squares, lost, report, standard_errors: errors })
 }
 
-/// Converts an error of a part of the problem to an error of the whole problem. The part begins at column `first`.
+/// Converts an error about some of a problem's columns, which begin at column `first`, to an error about the whole
+/// problem.
 fn of_column(error: SolverError, first: usize) -> SolverError {
     match error {
         SolverError::LostResidual { column } => SolverError::LostResidual { column: first + column },

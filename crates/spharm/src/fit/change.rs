@@ -1,5 +1,5 @@
-//! Changes targets before a fit: values are scaled (see [`super::range`]), and values far from zero are fitted about
-//! their middle.
+//! Changes targets before a fit: values are scaled (see [`super::range`]). If values are close together and far from
+//! zero, the middle between the smallest and the largest value is subtracted.
 //!
 //! The solver's tolerance is relative to the values. If the values of a channel lie close together far from zero, such
 //! as coordinates in a national grid, the tolerance would allow errors that are large compared with the differences of
@@ -54,7 +54,8 @@ impl Change {
         Self { exponents, middles, warning }
     }
 
-    /// Adds the values that were subtracted from the target's channels to the coefficients (K, c) of its fit.
+    /// Adds the values that were subtracted from the target's channels to the coefficients of its fit, one column per
+    /// channel.
     pub(crate) fn add_middles(&self, coefficients: &mut Array2<f64>) {
         for (channel, middle) in self.middles.iter().enumerate() {
             coefficients[[0, channel]] += middle * (4.0 * PI).sqrt();

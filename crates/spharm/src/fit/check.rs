@@ -10,7 +10,7 @@ use super::surface_plan::SurfacePlan;
 use crate::parametrize::Method as MapMethod;
 use crate::{Error, FitParams, Method};
 
-/// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
+/// Checks that memory suffices to fit a surface over its sphere, which has the same vertices but needn't exist yet.
 ///
 /// The memory plan of a method over a store depends on the store, so such methods aren't checked here but by
 /// [`FitParams::check_over`].
@@ -41,7 +41,7 @@ impl FitParams {
     }
 }
 
-/// Checks the memory like [`check_memory`], for a surface of `vertices` vertices and `faces` triangles.
+/// Checks the memory as [`check_memory`] does, for a surface of `vertices` vertices and `faces` triangles.
 pub(crate) fn check_sizes(vertices: usize, faces: usize, params: &FitParams) -> Result<(), Error> {
     let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3, denoise: params.denoise };
     match params.method {

@@ -14,18 +14,19 @@ use super::job::Job;
 use crate::report::Denoised;
 use crate::{Error, FitParams, Method, Smoothness, Weights};
 
-/// The response of plain fits (fits without a penalty) over one sphere to noise.
+/// How plain fits (fits without a penalty) over one sphere respond to noise.
 pub(crate) struct Denoiser {
     power: NoisePower,
-    /// Precisions of the n vertices, if they differ.
+    /// Precisions of the n vertices; `None` if all precisions are equal.
     precision: Option<Vec<f64>>,
     /// Power of the noise in degree 1, divided by its power on an even sampling.
     relative_noise: f64,
 }
 
 impl Denoiser {
-    /// Measures the response of plain fits to noise, by fitting noise, `at_a_time` columns at a time. `fit` makes a
-    /// plain fit, and returns its coefficients (K, c) and its residual (n, c) at the vertices.
+    /// Measures the response of plain fits to noise, by fitting columns of noise, `at_a_time` at a time. `fit` makes a
+    /// plain fit. It returns the fit's coefficients and its residual at the vertices, both with one column per column
+    /// of noise.
     pub(crate) fn new(
         job: &Job<'_>,
         at_a_time: usize,
@@ -58,13 +59,13 @@ impl Denoiser {
         Ok(Self { power, precision, relative_noise })
     }
 
-    /// Estimates the noise of a target, or of one of its channels, from the coefficients (K, c) and the residual (n, c)
-    /// of its plain fit.
+    /// Estimates the noise of a target, or of one of its channels, from the coefficients and the residual of its plain
+    /// fit. Both have one column per channel.
     pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
     }
 
-    /// Estimates how much of the noise found in `target` (n, c) is detail beyond the degree of the fit.
+    /// Estimates how much of the noise found in `target` (vertices x channels) is detail beyond the degree of the fit.
     pub(crate) fn assess(
         &self,
         job: &Job<'_>,

@@ -30,8 +30,8 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// If denoising multiplies the highest degree by less than this gain, noise is assumed to dominate all higher degrees
-/// as well.
+/// If denoising multiplies the coefficients of the highest degree by less than this gain, noise is assumed to dominate
+/// all higher degrees as well.
 const COVERED: f64 = 0.05;
 /// Fraction of the vertices that are held out.
 const HELD_OUT: f64 = 0.1;
@@ -95,14 +95,14 @@ pub(crate) fn left_out(
     Ok(Some((lower - higher).max(0.0).sqrt()))
 }
 
-/// Returns the largest absolute value of `target` (n, c) at vertices of nonzero weight.
+/// Returns the largest absolute value of `target` (vertices x channels) at vertices of nonzero weight.
 fn largest(target: ArrayView2<'_, f64>, weights: &[f64]) -> f64 {
     let rows = target.rows().into_iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
     rows.fold(0.0, |largest: f64, (row, _)| row.iter().fold(largest, |largest: f64, value| largest.max(value.abs())))
 }
 
-/// Returns `target` (n, c) minus the mean of each column over the vertices of nonzero weight, and the rms of the result
-/// over these vertices.
+/// Returns `target` (vertices x channels) minus the mean of each column over the vertices of nonzero weight. Also
+/// returns the rms of the result over these vertices.
 fn centred(target: ArrayView2<'_, f64>, weights: &[f64]) -> (Array2<f64>, f64) {
     let mut centred = target.to_owned();
     let count = weights.iter().filter(|weight| **weight > 0.0).count().max(1) as f64;
@@ -117,7 +117,7 @@ fn centred(target: ArrayView2<'_, f64>, weights: &[f64]) -> (Array2<f64>, f64) {
     (centred, size)
 }
 
-/// Returns the mean square of `residual` (n, c) over the held-out vertices and all channels.
+/// Returns the mean square of `residual` (vertices x channels) over the held-out vertices and all channels.
 fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]>) -> f64 {
     let held_out = |i: usize| weights[i] == 0.0 && precision.is_none_or(|precision| precision[i] > 0.0);
     let rows = residual.rows().into_iter().enumerate().filter(|(i, _)| held_out(*i));

@@ -1,4 +1,4 @@
-//! Computes the full least squares from moments of samples, without the samples themselves.
+//! Computes the full least squares from the moments of samples. The samples themselves aren't needed.
 
 use ndarray::{Array2, s};
 use serde::Serialize;
@@ -23,9 +23,9 @@ use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 /// A fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentsFit {
-    /// Canonical coefficients (K, c).
+    /// Canonical coefficients: one row per basis function, one column per channel.
     pub coefficients: Coefficients,
-    /// Standard errors (K, c) of the coefficients, if requested.
+    /// Standard errors of the coefficients, if requested, in an array of the coefficients' shape.
     pub standard_errors: Option<Array2<f64>>,
     /// Report on the fit.
     pub report: MomentsReport,
@@ -65,7 +65,7 @@ pub struct MomentsReport {
     /// The search for the smoothness, if it was chosen by cross-validation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gcv: Option<Gcv>,
-    /// Possible problems of the fit.
+    /// Possible problems with the fit.
     pub warnings: Vec<FitWarning>,
 }
 
@@ -201,7 +201,8 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
 }
 
-/// Returns warnings about residuals that rounding errors hide, and about missing shards.
+/// Returns warnings about residuals that are unknown because of rounding errors, and about missing shards of the
+/// samples.
 fn doubts(moments: &Moments, lost: &[bool]) -> Vec<FitWarning> {
     let hidden = moments.channels.iter().zip(lost).filter(|(_, lost)| **lost);
     let channels: Vec<String> = hidden.map(|(channel, _)| channel.clone()).collect();
@@ -217,7 +218,7 @@ fn refused(error: SolverError, what: &'static str, moments: &Moments) -> Error {
     let channel = moments.channels.get(column).map_or("", String::as_str);
     Error::Setting {
         what,
-        expected: "moments precise enough for the residual",
+        expected: "moments precise enough to compute the residual",
         found: format!(
             "a mean of channel {channel:?} so large that rounding errors hide the residual; subtract a constant, such \
              as the mean, from the values and compute the moments again, or leave out this channel"
@@ -243,8 +244,8 @@ fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise, and
-/// the noise's power in degree 1 relative to its power for an even sampling.
+/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel of a signal. Returns the
+/// removed noise, and the power of the noise in degree 1 relative to its power on an even sampling.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,

@@ -23,7 +23,7 @@ use crate::{Error, FitWarning, defaults};
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
-    // The plan is made for the first target's number of channels. In most studies all targets have this number.
+    // The plan assumes that all targets have as many channels as the first target, which is true in most studies.
     let channels = run.channels();
     let (operator, method) = basis(&mut run.job)?;
     let planner = Planner { operator: &operator, method };
@@ -81,7 +81,7 @@ pub(crate) fn check(mut job: Job<'_>, count: usize) -> Result<(), Error> {
     planner.check_limits(&planner.choose(&job, gram_bytes, count, CHANNELS)?.plan)
 }
 
-/// Takes the basis out of a job. Returns the basis, and the blocks of the job's method.
+/// Takes the basis out of a job. Returns it together with the blocks of degrees that the job's method fits.
 fn basis(job: &mut Job<'_>) -> Result<(DiskOperator, Blocks), Error> {
     match (job.scheme.take(), job.params.method.blocks()) {
         (Some(scheme), Some(method)) => Ok((DiskOperator::new(scheme), method)),
@@ -99,7 +99,7 @@ struct Planner<'o> {
 /// it reads.
 struct Choice {
     together: usize,
-    /// Number of columns of the basis that one pass reads, summed over all batches.
+    /// Number of columns that one pass reads from the basis, summed over all batches.
     reads: usize,
     plan: IrfPlan,
 }
@@ -213,7 +213,7 @@ impl<'o> Planner<'o> {
         best.map_or_else(|| choice(1), Ok)
     }
 
-    /// Returns the [`best`](Self::best) number of surfaces fitted together, or an error with the smallest budget that
+    /// Returns the [`best`](Self::best) number of surfaces to fit together, or an error with the smallest budget that
     /// suffices.
     fn choose(
         &self,

@@ -1,4 +1,4 @@
-//! Data shared by all methods: the sphere, the weights, the basis, and the points at which models are assessed.
+//! Data shared by all fitting methods: the sphere, the weights, the basis, and the points at which models are assessed.
 
 use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
@@ -10,7 +10,7 @@ use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, FitWarning, Method, Smoothness, Weights, defaults};
 
-/// Settings of a call, resolved for the call's sphere.
+/// Settings and data of a call that fits targets over one sphere.
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
     /// The sphere with its transforms, if they were planned and this fit can use them.
@@ -21,7 +21,7 @@ pub(crate) struct Job<'a> {
     pub(crate) weight_exponent: i32,
     /// A warning for fits of vertices, if the weights are too uneven for the degree.
     pub(crate) uneven_weights: Option<FitWarning>,
-    /// Marks the vertices of weight 0, whose values are never read; `None` if all vertices are read. Held-out vertices
+    /// Marks the vertices of weight 0, whose values are never read. `None` if all vertices are read. Held-out vertices
     /// aren't marked.
     pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
@@ -131,7 +131,7 @@ impl<'a> Job<'a> {
 /// Returns the memory in bytes held outside the solver: the program, the sphere, the targets in memory, and the
 /// buffers of targets that are being read or written.
 pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
-    /// Bytes of the program, its stacks and its allocator, measured on a fit of a small mesh.
+    /// Bytes of the program itself, with its stacks and its allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;
     let sphere = 24 * vertices + 12 * faces;
     BASE + sphere + 8 * vertices * channels * together + readers * reading(vertices, faces, channels)

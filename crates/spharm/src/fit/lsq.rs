@@ -1,4 +1,4 @@
-//! Fits targets at their vertices by the full least squares, using fast transforms instead of a basis.
+//! Fits targets at their vertices by the full least squares, using fast transforms instead of a stored basis.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, Once, PoisonError};
@@ -25,8 +25,8 @@ use super::stored_factor::stored_factor;
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits the next targets at their vertices. Returns when no target is left, or at the first target that is fitted over
-/// its whole triangles (`Objective::Surface`), which `surface::run` fits.
+/// Fits the next targets at their vertices. Returns when no target is left, or at the first target that is fitted as a
+/// surface (`Objective::Surface`), which `surface::run` fits.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -43,8 +43,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // The search for a smoothness fits additional columns. If no size is returned, the moments can't be computed, so
-    // treat their size as infinite.
+    // The search for a smoothness fits additional columns. `moment_bytes` has no result if the moments can't be
+    // computed; their size is then treated as infinite.
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
@@ -150,7 +150,8 @@ struct Equations<'a> {
     monitor: &'a dyn Monitor,
 }
 
-/// Standard errors (K, c), if requested, and the noise removed from each target: one entry per surface or per channel.
+/// Standard errors of the coefficients, if requested, and the noise removed from each target: one entry per surface or
+/// per channel.
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
@@ -185,7 +186,7 @@ impl<'a> Equations<'a> {
         self.solve(&mut solver, batch, None, Some(chosen))
     }
 
-    /// Fits the channels of a signal (n, c), each with its own smoothness.
+    /// Fits the channels of a signal (vertices x channels), each channel with its own smoothness.
     fn choose_by_channel(&self, targets: &Array2<f64>, parts: &[Range<usize>]) -> Result<Solved, Error> {
         let within = NestedMonitor(self.monitor);
         let mut coefficients = Array2::<f64>::zeros((basis_size(self.params.max_degree), targets.ncols()));
@@ -246,7 +247,7 @@ impl<'a> Equations<'a> {
     ) -> Result<Solved, Error> {
         let mut warnings = self.warnings.clone();
         let mut of_lsq = FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default);
-        // Denoising removes the noise that the plain fit amplifies, so the warning about it is omitted.
+        // Denoising removes the noise that the plain fit amplifies, so the warning about amplified noise is omitted.
         of_lsq.retain(|warning| denoised.is_empty() || !matches!(warning, FitWarning::Amplified { .. }));
         warnings.extend(of_lsq);
         converged(self.params, &warnings)?;
@@ -309,7 +310,7 @@ impl<'a> Equations<'a> {
     }
 }
 
-/// Targets (n, c) and their residuals (n, c) after the plain fit.
+/// Targets and their residuals after the plain fit, both as arrays (vertices x channels).
 struct Plain<'b> {
     batch: &'b Batch,
     targets: &'b Array2<f64>,
@@ -355,7 +356,7 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // If no size is returned, the matrix can't be computed and needs no memory.
+        // `moment_gram_bytes` has no result if the matrix can't be computed. The matrix then needs no memory.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,

@@ -1,4 +1,4 @@
-//! Plans the memory of fits by transforms: the full least squares, possibly with a factor, and quadrature.
+//! Plans the memory for fits that use transforms: the full least squares, possibly with a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -24,7 +24,7 @@ pub(crate) struct LsqPlan {
     reading: usize,
 }
 
-/// Sizes of a fit.
+/// Sizes that determine the memory of a fit.
 #[derive(Clone, Copy)]
 pub(crate) struct Sizes {
     pub(crate) vertices: usize,

@@ -42,7 +42,7 @@ pub struct PlannedSphere {
     key: OnceLock<SchemeKey>,
 }
 
-/// The normal matrix from moments that a fit computed.
+/// The normal matrix that an earlier fit made from moments, kept for later fits.
 #[derive(Debug, Clone)]
 pub(super) struct KeptMoments {
     weights: WeightsHash,
@@ -73,7 +73,7 @@ impl PlannedSphere {
         self.operator.transform()
     }
 
-    /// Returns whether fits of a degree use these transforms.
+    /// Returns whether fits of degree `max_degree` use these transforms.
     pub fn serves(&self, max_degree: usize) -> bool {
         max_degree == self.params.max_degree && self.params.accuracy <= defaults::TRANSFORM_ACCURACY
     }
@@ -102,7 +102,7 @@ impl PlannedSphere {
     }
 
     /// Computes moments of at least the relative accuracy `accuracy`, and keeps them in place of earlier ones. `hash`
-    /// is the hash of the weights (n), which are all 1 by default.
+    /// is the hash of the vertices' weights, which are all 1 by default.
     pub(super) fn make_moments(
         &self,
         weights: Option<&[f64]>,
@@ -110,7 +110,7 @@ impl PlannedSphere {
         accuracy: f64,
     ) -> Result<Arc<MomentNormal>, SolverError> {
         let directions = &self.sphere.directions;
-        // Moments of other weights are dropped first, so that their memory is free.
+        // Moments for other weights are dropped first, to free their memory.
         let again = locked(&self.moments).take().is_some();
         let normal = if again {
             self.with_moments()?.moments(directions, weights, accuracy, None)?.0
@@ -156,7 +156,8 @@ mod tests {
         (PlannedSphere::new(sphere, &params).unwrap(), Signal::new(values, SAMPLES, 1))
     }
 
-    /// Returns the coefficients of a fit on the planned sphere, the names of its steps, and the source of its products.
+    /// Returns the coefficients of a fit on the planned sphere, the names of its steps, and how its matrix products
+    /// were computed.
     fn solve(planned: &PlannedSphere, signal: &Signal, params: &FitParams) -> (Vec<f64>, Vec<&'static str>, String) {
         let target = Target::from_signal(signal.clone(), planned.sphere()).unwrap();
         let (fit, report) = planned.fit(target, params, &Silent).unwrap();

@@ -93,7 +93,7 @@ impl Quadrature {
         [rings, 2 * rings]
     }
 
-    /// Returns the canonical coefficients (K, c) of `values` (n, c) at the sphere's vertices.
+    /// Returns the canonical coefficients (basis functions x channels) of `values` (vertices x channels).
     ///
     /// # Errors
     ///

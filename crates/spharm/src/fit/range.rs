@@ -24,8 +24,8 @@ use crate::{Error, Fit, FitWarning};
 /// f64.
 const MOST: i32 = 900;
 
-/// If the binary exponents of all channels' largest values differ by at most this number, all channels are divided by
-/// the same power of two.
+/// Largest difference between the binary exponents of the channels' largest values with which all channels are divided
+/// by the same power of two.
 const SPREAD: i32 = 40;
 
 /// Sums of weights are scaled only if the magnitude of their binary exponent is above this value. Sums of ordinary
@@ -219,7 +219,7 @@ pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i
 pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
     let total = even_exponent(sums.moments.iter().copied().chain([sums.weight])).unwrap_or(0);
     let weights = if total.abs() > SUM { total } else { 0 };
-    // A sum divided by the total weight has the size of the channel's values, whatever the number of samples.
+    // A sum divided by the total weight is about as large as the channel's values, whatever the number of samples.
     let of = |column: ndarray::ArrayView1<'_, f64>| even_exponent(column.iter().map(|&sum| times(sum, -total)));
     let sizes: Vec<Option<i32>> = sums.right_sides.columns().into_iter().map(of).collect();
     let exponents = exponents_of(&sizes, together);

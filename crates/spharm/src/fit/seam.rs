@@ -75,7 +75,7 @@ impl SeamVertices {
         self.vertices.iter().map(|&vertex| sphere.directions.as_slice()[vertex]).collect()
     }
 
-    /// Returns the rows of `values` (n, c) at the seams' vertices.
+    /// Returns the rows of `values` (vertices x channels) at the seams' vertices.
     pub(crate) fn rows_of(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         values.select(Axis(0), &self.vertices)
     }

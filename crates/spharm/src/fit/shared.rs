@@ -42,7 +42,7 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
     }
 }
 
-/// Cross-validation has enough data only up to this number of coefficients per vertex or sample.
+/// Largest number of coefficients per vertex or sample for which cross-validation has enough data.
 const MOST_FOR_AUTO: usize = 100;
 
 /// Returns an error if there are far more coefficients than vertices or samples. Choosing a smoothness would take some

@@ -1,4 +1,4 @@
-//! Finds the Cholesky factor of a fit in its store.
+//! Looks in the store for the Cholesky factor that a fit needs.
 
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::StoredFactor;

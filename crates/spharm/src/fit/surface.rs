@@ -99,8 +99,8 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
 pub(super) struct Fitter<'a> {
     pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
-    /// Evaluates models at the vertices, for msd and xsd, and at the centres of some triangles. The values at the
-    /// vertices come first.
+    /// Evaluates models at the vertices, for the mean and maximum squared distance there, and at the centres of some
+    /// triangles. The values at the vertices come first.
     evaluation: Transform,
     /// Number of columns of coefficients that are evaluated together.
     evaluated: usize,
@@ -219,8 +219,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the targets' residuals, and the values (p, c) of each model at the centres of p triangles.
-    /// Each target is given with its columns in the batch.
+    /// Returns the norms of the targets' residuals, and the values of each model at the centres of some triangles
+    /// (centres x channels). Each target is given with its columns in the batch.
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -245,7 +245,8 @@ impl<'a> Fitter<'a> {
         Ok(assessed.into_iter().unzip())
     }
 
-    /// Returns a target's residual (n, c) at the vertices, and the model's values (p, c) at the centres of p triangles.
+    /// Returns a target's residual at the vertices, and the model's values at the centres of some triangles, both with
+    /// one column per channel.
     fn residual(
         &self,
         target: ArrayView2<'_, f64>,
@@ -256,8 +257,8 @@ impl<'a> Fitter<'a> {
         Ok((&target - &vertices, centres.to_owned()))
     }
 
-    /// Fits noise (n, c) at the vertices. Noise is interpolated linearly on each triangle, as targets are. Returns the
-    /// coefficients (K, c) and the residual (n, c) at the vertices.
+    /// Fits noise at the vertices (vertices x channels). Noise is interpolated linearly on each triangle, as targets
+    /// are. Returns the coefficients, and the residual at the vertices.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
         let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
@@ -321,12 +322,12 @@ impl<'a> Fitter<'a> {
         self.evaluated
     }
 
-    /// Evaluates the models with `coefficients` (K, c) at the vertices, followed by the centres of some triangles.
+    /// Evaluates the models with the given coefficients at the vertices, followed by the centres of some triangles.
     pub(super) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(self.evaluation.synthesis(coefficients)?)
     }
 
-    /// Returns the normal equations of targets. Each target is given with its columns in the batch.
+    /// Returns the normal equations for the given targets. Each target is given with its columns in the batch.
     pub(super) fn problem(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -335,7 +336,7 @@ impl<'a> Fitter<'a> {
         Ok(MomentProblem::new(&self.sums.of(targets, monitor)?, self.params.max_degree)?)
     }
 
-    /// Returns the normal equations of targets, with `more` (K, c) added to their right-hand sides.
+    /// Returns the normal equations for the given targets, with `more` added to the right-hand sides.
     pub(super) fn problem_plus(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

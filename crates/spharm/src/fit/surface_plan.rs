@@ -1,4 +1,4 @@
-//! Plans the memory of fits of surfaces.
+//! Plans the memory for surface fits.
 
 use spharm_harmonics::basis_size;
 use spharm_solver::MomentNormal;
@@ -22,7 +22,7 @@ const EVALUATED: usize = 12;
 /// degree 100, 3 up to degree 200.
 const COEFFICIENTS: usize = 12 * 101 * 101;
 
-/// Memory plan of fits of surfaces.
+/// Memory plan for surface fits.
 pub(crate) struct SurfacePlan {
     pub(crate) sizes: Sizes,
     pub(crate) budget: usize,

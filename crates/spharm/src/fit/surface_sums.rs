@@ -175,8 +175,8 @@ impl<'a> SurfaceSums<'a> {
     }
 
     /// Returns the sums over the samples. Each target is given by its range of columns in the batch and its values at
-    /// the vertices. Weights are scaled to the sum of the vertices' weights, so that a penalty has the same meaning for
-    /// a surface as for its vertices.
+    /// the vertices. The samples' weights are scaled so that their sum is the sum of the vertices' weights. A penalty
+    /// therefore has the same meaning for a surface as for its vertices.
     pub(crate) fn of(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -230,7 +230,7 @@ fn columns(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> usize {
     targets.last().map_or(0, |(group, _)| group.end)
 }
 
-/// Returns the columns of all targets side by side, as an array of shape (n, columns).
+/// Returns the columns of all targets side by side, as an array with one row per vertex.
 fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> {
     let rows = targets.first().map_or(0, |(_, target)| target.nrows());
     let mut all = Array2::zeros((rows, columns(targets)));

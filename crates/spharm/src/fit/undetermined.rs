@@ -8,8 +8,8 @@ use spharm_solver::lsq::{LsqReport, LsqWarning, MomentProblem, determined};
 
 use crate::{Error, FitWarning};
 
-/// Some functions up to the fit's degree are treated as undetermined if the condition number of the basis at the
-/// samples exceeds this value.
+/// Condition number of the basis at the samples above which some functions up to the fit's degree are treated as
+/// undetermined.
 const UNDETERMINED: f64 = 1e6;
 
 /// Returns a warning if the samples don't determine a fit without a penalty. `report` is the report on this fit,
@@ -44,7 +44,7 @@ pub(super) fn warning(
 /// moments is about 1 / p of the square of the first moment.
 fn is_concentrated(moments: &[f64], max_degree: usize) -> bool {
     let high = moments.get(basis_size(max_degree)..basis_size(2 * max_degree)).unwrap_or_default();
-    // Quotients don't overflow: no moment is larger than a small multiple of the first one.
+    // The quotients don't overflow, because no moment is larger than a small multiple of the first one.
     let power = high.iter().map(|moment| (moment / moments[0]).powi(2)).sum::<f64>();
     power * basis_size(max_degree) as f64 > high.len() as f64
 }

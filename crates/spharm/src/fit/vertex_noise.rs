@@ -36,8 +36,8 @@ use super::shared::check_auto;
 use super::surface::Fitter;
 use crate::Error;
 
-/// Number of fits of noise that estimate the trace at one smoothness. The noise is the same for each smoothness, so
-/// that GCV is a smooth function of the smoothness.
+/// Number of fits of noise from which tr H is estimated for one smoothness. The noise is the same for each smoothness,
+/// so that GCV is a smooth function of the smoothness.
 const PROBES_FOR_GCV: usize = 3;
 /// Number of fits of noise from which standard errors are estimated.
 const PROBES_FOR_ERRORS: usize = 256;
@@ -47,12 +47,12 @@ const PROBES_AT_A_TIME: usize = 16;
 const TOLERANCE_OF_GCV: f64 = 1e-7;
 
 impl Fitter<'_> {
-    /// Chooses the smoothness of `target` (n, c) by generalised cross-validation at the vertices.
+    /// Chooses the smoothness of `target` (vertices x channels) by generalised cross-validation at the vertices.
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
         let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
-        // Centre the target: GCV doesn't depend on its position, but the errors of a solve grow with the target's
-        // values.
+        // Centre the target: GCV doesn't depend on the target's position, but a solution's errors grow with the
+        // target's values.
         let target = self.centred(target);
         let target = target.view();
         let probes = self.signs(PROBES_FOR_GCV, &mut SplitMix64::new(0));
@@ -72,8 +72,8 @@ impl Fitter<'_> {
         choose_smoothness_by(self.params.max_degree, problem.weight(), terms, monitor)
     }
 
-    /// Returns the standard errors (K, c) of the coefficients of a fit with the settings `solver`. `residual` (n, c) is
-    /// the fit's residual at the vertices.
+    /// Returns the standard errors of the coefficients (basis functions x channels) of a fit with the settings
+    /// `solver`. `residual` (vertices x channels) is the fit's residual at the vertices.
     pub(super) fn standard_errors(
         &self,
         solver: &LsqParams,
@@ -117,7 +117,7 @@ impl Fitter<'_> {
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
     }
 
-    /// Returns independent random signs (n, columns) at the vertices, with 0 at vertices that aren't fitted.
+    /// Returns columns of independent random signs at the vertices, with 0 at vertices that aren't fitted.
     fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
         let mut signs = random_signs((self.vertices(), columns), random);
         if let Some(weights) = self.weights() {
@@ -130,7 +130,7 @@ impl Fitter<'_> {
         signs
     }
 
-    /// Returns `target` (n, c) minus the mean of each column over the fitted vertices.
+    /// Returns `target` (vertices x channels) minus the mean of each column over the fitted vertices.
     fn centred(&self, target: ArrayView2<'_, f64>) -> Array2<f64> {
         let weights = self.weights();
         let is_fitted = |vertex: usize| weights.is_none_or(|weights| weights[vertex] > 0.0);
@@ -143,7 +143,7 @@ impl Fitter<'_> {
         centred
     }
 
-    /// Returns the sum of squares of each column of `residual` (n, c) over the fitted vertices.
+    /// Returns the sum of squares of each column of `residual` (vertices x channels) over the fitted vertices.
     fn squares(&self, residual: &Array2<f64>) -> Array1<f64> {
         let mut squares = Array1::zeros(residual.ncols());
         for (vertex, row) in residual.rows().into_iter().enumerate() {

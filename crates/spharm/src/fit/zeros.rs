@@ -28,7 +28,7 @@ pub(super) fn warning(target: &Target, unread: Option<&[bool]>) -> Option<FitWar
 }
 
 fn of_channel(channel: usize, values: impl Iterator<Item = f64> + Clone) -> Option<FitWarning> {
-    // Count first: most signals have hardly any zeros, and need no memory for the sizes of their values.
+    // Count the zeros first. Most signals have hardly any, and then no memory is needed for the absolute values.
     let (mut vertices, mut zeros, mut signs) = (0, 0, [false; 2]);
     for value in values.clone() {
         vertices += 1;

@@ -1,12 +1,12 @@
-//! Builds the basis of a scheme: writes every missing file `A_<l>` up to a degree.
+//! Builds the basis of a sampling scheme: writes the missing files `A_<l>` of all degrees l up to a highest degree.
 //!
-//! Each thread takes one chunk (a run of rows) at a time and evaluates the recurrence degree by degree. The thread
-//! holds the recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n.
-//! Degrees are built in groups. All files of a group are open at the same time. While one group is computed, the files
-//! of the previous group are synced to disk and given their final names. A build that is killed thus loses at most the
-//! last three groups; a build that fails still publishes the groups that have been computed. The disadvantage of groups
-//! is that each group repeats the recurrence for all degrees below it. This repetition costs a quarter as much as
-//! computing the files of these degrees.
+//! Each thread takes one chunk (a run of rows) at a time and evaluates the harmonics by a recurrence, degree by degree.
+//! The thread holds the recurrence state and the values of one chunk, so the memory doesn't grow with the number of
+//! directions, n. Degrees are built in groups. All files of a group are open at the same time. While one group is
+//! computed, the files of the previous group are synced to disk and given their final names. A build that is killed
+//! thus loses at most the last three groups; a build that fails still publishes the groups that have been computed. The
+//! disadvantage of groups is that each group repeats the recurrence for all degrees below it. Repeating the recurrence
+//! costs a quarter as much as computing the files of those degrees.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -25,7 +25,7 @@ use crate::error::{StoreError, StoreWarning};
 use crate::scheme::{Scalar, SchemeKey};
 use crate::{folder, temporary};
 
-/// Result of a build.
+/// Result of building a basis.
 #[derive(Debug)]
 pub struct BuildReport {
     /// Key of the scheme.
@@ -47,7 +47,7 @@ pub struct BuildReport {
     pub threads: usize,
     /// Planned memory in bytes.
     pub memory: usize,
-    /// Damaged files that were replaced, by degree.
+    /// Warnings about damaged files that were replaced, in order of degree.
     pub warnings: Vec<StoreWarning>,
 }
 
@@ -130,7 +130,7 @@ pub fn build(
     })
 }
 
-/// Totals of the files published by a build.
+/// Counts and sizes of the files published by a build.
 #[derive(Default)]
 struct Published {
     built: usize,
@@ -141,7 +141,8 @@ struct Published {
 }
 
 impl Published {
-    /// Publishes files and syncs the folder. After an error, `files` contains the files that haven't been processed.
+    /// Gives computed files their final names and syncs the folder. After an error, `files` contains the files that
+    /// haven't been processed.
     fn publish(&mut self, folder: &Path, files: &mut IntoIter<DegreeWriter>) -> Result<(), StoreError> {
         for writer in files {
             match writer.publish()? {
@@ -152,9 +153,9 @@ impl Published {
         folder::sync(folder)
     }
 
-    /// Publishes all groups from a queue. If publishing fails, sets `failed`, and waits until the computation has
-    /// closed the queue. By that time, the computation has removed its unfinished files, which may have filled the
-    /// disk. The remaining finished files are then published, and the error is returned.
+    /// Publishes all groups of files from the queue `computed`. If publishing fails, sets `failed`, and waits until the
+    /// computation has closed the queue. By that time, the computation has removed its unfinished files, which may have
+    /// filled the disk. The remaining finished files are then published, and the error is returned.
     fn publish_all(
         mut self,
         folder: &Path,
@@ -207,7 +208,7 @@ fn compute_and_publish(
     })
 }
 
-/// State shared by the threads of a build.
+/// Data shared by the threads of a build.
 struct Computation<'a> {
     directions: &'a Directions,
     recurrence: &'a Recurrence,
@@ -232,8 +233,8 @@ impl Computation<'_> {
                     if let Err(error) = self.work(group, &writers, &next, &failed) {
                         failed.store(true, Ordering::Relaxed);
                         let mut first = first_error.lock().unwrap_or_else(PoisonError::into_inner);
-                        // A thread that stopped because another failed returns `Interrupted`. Such an error mustn't
-                        // replace the cause.
+                        // A thread that stopped because another thread failed returns `Interrupted`. Such an error
+                        // mustn't replace the error of the thread that failed.
                         if first.is_none() || matches!(*first, Some(StoreError::Interrupted(_))) {
                             *first = Some(error);
                         }

@@ -14,7 +14,7 @@ use crate::error::StoreError;
 use crate::folder;
 use crate::scheme::{Scalar, SchemeKey};
 
-/// A scheme of a store, with its basis files of degrees 0 to `max_degree` open.
+/// A sampling scheme in a store, with its basis files of degrees 0 to a highest degree open.
 #[derive(Debug)]
 pub struct Scheme {
     key: SchemeKey,
@@ -65,8 +65,8 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// The errors of [`open`](Self::open); [`StoreError::NearScheme`] if the store has a basis at directions that
-    /// differ from these only by rounding; [`StoreError::OtherScalar`] if the store has only the basis of the other
+    /// The errors of [`open`](Self::open); [`StoreError::NearScheme`] if the store has a basis at directions that equal
+    /// these up to rounding; [`StoreError::OtherScalar`] if the store has the basis only with values of the other
     /// scalar type; [`StoreError::Io`] if the store can't be opened.
     pub fn open_at(
         store: &Path,

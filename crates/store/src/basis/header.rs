@@ -40,7 +40,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// Returns whether the sizes are within the limits of the format.
+    /// Returns whether the file's numbers of rows and chunks and its chunk size are within the limits of the format.
     pub(crate) fn is_within_limits(&self) -> bool {
         let chunk_len = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
         self.rows as u64 <= MAX_ROWS && self.chunk_count() as u64 <= MAX_CHUNKS && chunk_len <= MAX_CHUNK_LEN
@@ -67,7 +67,7 @@ impl Header {
         self.chunk_range(chunk).len() * self.columns() * self.scalar.size()
     }
 
-    /// Returns the offset of a chunk in a file whose chunks are all raw.
+    /// Returns the offset in bytes of a chunk in a file whose chunks are all stored raw.
     pub(crate) fn raw_offset(&self, chunk: usize) -> u64 {
         let full = (self.chunk_rows * self.columns() * self.scalar.size()) as u64;
         HEADER_LEN as u64 + chunk as u64 * full.next_multiple_of(ALIGNMENT)

@@ -1,4 +1,4 @@
-//! Finds the scheme of a store whose directions differ from given directions only by rounding.
+//! Finds the scheme in a store whose directions equal the given ones up to rounding.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::error::StoreError;
 use crate::folder;
 use crate::scheme::SchemeKey;
 
-/// Differences between coordinates are attributed to rounding if they are below this value.
+/// Largest difference between coordinates that is attributed to rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// Returns the first of the schemes `keys` whose directions equal `directions` up to rounding, and the largest
@@ -21,8 +21,8 @@ pub(super) fn near(store: &Path, keys: &[SchemeKey], directions: &Directions) ->
 }
 
 /// Returns the largest difference between the coordinates of a scheme's directions and of `directions`, or `None` if it
-/// is larger than rounding. The scheme's coordinates are read from its harmonics of degree 1, which are y, z and x
-/// times a constant.
+/// is too large to be a rounding error. The scheme's coordinates are read from its harmonics of degree 1, which are y,
+/// z and x times a constant.
 fn difference(store: &Path, key: SchemeKey, directions: &Directions) -> Result<Option<f64>, StoreError> {
     let file = DegreeFile::open(&folder::of_scheme(store, key).join(file_name(1)))?;
     let header = file.header();

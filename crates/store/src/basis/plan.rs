@@ -15,20 +15,19 @@ use crate::folder;
 use crate::format::{MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::scheme::{Scalar, SchemeKey};
 
-/// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit in a
-/// core's L2 cache. The number isn't a multiple of 512, because the columns of a chunk would then compete for the same
-/// cache sets.
+/// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the recurrence state for it (1.7 MB) fit in a
+/// core's L2 cache. With a multiple of 512 rows, the columns of a chunk would compete for the same cache sets.
 pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
-/// Number of groups that a large build is divided into.
+/// Number of groups of degrees that a large build is divided into.
 const GROUPS: u64 = 8;
 /// Minimum total size of the files of a group, in bytes before compression. Small builds are therefore divided into
 /// fewer groups than large ones. The last group, and groups of `MOST_FILES` files, may be smaller.
 const SMALLEST_GROUP: u64 = 256 << 20;
-/// Maximum number of files in a group.
+/// Maximum number of files (degrees) in a group.
 const MOST_FILES: usize = 256;
 
-/// Parameters of a build.
+/// Parameters for building a basis.
 #[derive(Debug, Clone)]
 pub struct BuildParams {
     /// Highest degree, L, inclusive; default 100.
@@ -72,7 +71,7 @@ impl BuildParams {
     }
 }
 
-/// The missing degrees of a scheme, and the sizes needed to plan their build.
+/// The degrees whose files are missing from a scheme, and the sizes needed to plan their build.
 pub(super) struct Plan {
     pub(super) missing: Vec<usize>,
     /// Damaged files and their errors. The build replaces these files; `missing` includes their degrees.
@@ -146,7 +145,7 @@ impl Plan {
         self.missing.iter().map(|&degree| self.header(degree, key, params)).collect()
     }
 
-    /// Returns the largest number of threads, up to the requested number, for which the memory budget suffices.
+    /// Returns the number of threads to use: the requested number, or fewer if the memory budget requires it.
     pub(super) fn threads(&self, params: &BuildParams) -> Result<usize, StoreError> {
         let needed = self.memory(params, 1);
         if params.memory < needed {
@@ -179,13 +178,13 @@ impl Plan {
     }
 }
 
-/// Returns the size of a file in bytes before compression, without the padding between chunks.
+/// Returns the size in bytes of a file before compression, not counting the padding between chunks.
 fn file_bytes(header: &Header) -> u64 {
     let values = header.rows * header.columns() * header.scalar.size();
     (values + header.chunk_count() * ENTRY_LEN + HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Splits the missing degrees into groups. The files of a group are written together.
+/// Splits the headers of the missing files into groups. The files of a group are written together.
 pub(super) fn groups(headers: &[Header]) -> Vec<&[Header]> {
     let total: u64 = headers.iter().map(file_bytes).sum();
     let target = (total / GROUPS).max(SMALLEST_GROUP);

@@ -112,7 +112,7 @@ impl ChunkWindow<'_> {
     /// Returns the values (rows, 2 l + 1) of a chunk, column-major. Raw f64 values are returned from the map without a
     /// copy; other values are decoded into `scratch`. The first read of a chunk verifies its checksum.
     ///
-    /// Results computed from the values are valid only once [`check`](Self::check) has passed.
+    /// Results computed from the values are valid only after [`check`](Self::check) has returned no error.
     ///
     /// # Errors
     ///

@@ -12,7 +12,7 @@ use crate::container::frame::{ALIGNMENT, HEADER_LEN};
 use crate::container::writer::ContainerWriter;
 use crate::error::StoreError;
 
-/// Returns the name of a degree's file.
+/// Returns the name of the basis file of a degree.
 pub(crate) fn file_name(degree: usize) -> String {
     format!("A_{degree}")
 }
@@ -25,8 +25,8 @@ pub(crate) struct DegreeWriter {
     turn: Condvar,
 }
 
-/// The number and file offset of the next compressed chunk to place. Compressed chunks are placed in ascending order,
-/// so that a file's bytes don't depend on the timing of the threads.
+/// Number and file offset of the next compressed chunk to write. Compressed chunks are placed in ascending order, so
+/// that a file's bytes don't depend on the timing of the threads.
 struct NextPlace {
     chunk: usize,
     offset: u64,
@@ -90,8 +90,8 @@ mod tests {
     use crate::basis::reader::DegreeFile;
     use crate::scheme::{Scalar, SchemeKey};
 
-    /// A chunk is stored compressed only if it gets shorter. If the zstd frame is as long as the raw chunk, the chunk
-    /// is stored raw.
+    /// A chunk is stored compressed only if it gets shorter. A chunk whose zstd frame is as long as the raw chunk is
+    /// stored raw.
     #[test]
     fn a_chunk_that_does_not_shrink_is_stored_raw() {
         let mut encoder = Encoder::new().unwrap();

@@ -1,6 +1,6 @@
-//! Encodes and decodes chunks: raw, or zstd over shuffled bytes.
+//! Encodes and decodes the chunks of a file, which are either stored raw, or shuffled and then compressed by zstd.
 //!
-//! Shuffling stores the first bytes of all values, then all second bytes, and so on. The bytes with signs and
+//! Shuffling stores the first bytes of all values, then their second bytes, and so on. The bytes with signs and
 //! exponents, which are similar for all values, thus become adjacent and compress better. See "Codecs" in
 //! `store-format.md`.
 
@@ -43,7 +43,7 @@ impl Codec {
     }
 }
 
-/// A zstd encoder with its working memory, used by one thread.
+/// A zstd encoder with its working memory, for use by one thread.
 pub(crate) struct Encoder {
     zstd: zstd::bulk::Compressor<'static>,
     shuffled: Vec<u8>,
@@ -66,7 +66,8 @@ impl Encoder {
     }
 }
 
-/// Decodes a zstd frame. Fails unless `stored` is exactly one frame that decodes to exactly `raw_len` bytes.
+/// Decodes and unshuffles a zstd frame. Fails unless `stored` is exactly one frame that decodes to exactly `raw_len`
+/// bytes.
 pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::Result<Vec<u8>> {
     declares(stored, raw_len as u64)?;
     // zstd also accepts several frames in sequence, and skippable frames, but the store format allows only one frame.
@@ -82,7 +83,8 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     Ok(unshuffle(&shuffled, scalar_size))
 }
 
-/// Checks that a stream is one zstd frame that decodes to `raw_len` bytes, without holding the decoded bytes in memory.
+/// Checks that the bytes read from `stored` are one zstd frame that decodes to `raw_len` bytes, without holding the
+/// decoded bytes in memory.
 pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let mut stored = BufReader::new(stored);
     declares(stored.fill_buf()?, raw_len)?;
@@ -91,7 +93,7 @@ pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let rest = io::copy(&mut decoder.finish(), &mut io::sink())?;
     if decoded != raw_len || rest > 0 {
         return Err(invalid(format!(
-            "expected {raw_len} decoded bytes and none after the frame, found {decoded} and {rest}"
+            "expected one frame of {raw_len} decoded bytes, found {decoded}, and {rest} bytes after the frame"
         )));
     }
     Ok(())

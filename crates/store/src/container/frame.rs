@@ -1,11 +1,12 @@
-//! Encodes and decodes the frame of a header: the fields that the 4,096-byte headers of basis files and factors share.
+//! Encodes and decodes the 4,096-byte header of a basis file or factor. This module handles the fields that the headers
+//! of both kinds of files share:
 //!
 //! ```text
 //! 0        8         12           16                          4064        4096
 //! | magic  | version | header_len | fields | reserved (zeros) | header_hash |
 //! ```
 //!
-//! Each kind of file defines its own fields: see "Header" and "Header of a factor" in `store-format.md`.
+//! The contents of `fields` depend on the kind of file: see "Header" and "Header of a factor" in `store-format.md`.
 
 use std::path::Path;
 
@@ -13,7 +14,8 @@ use crate::bytes::{put, u32_at};
 use crate::container::codec::Codec;
 use crate::error::StoreError;
 
-/// Length of the header in bytes: one page, so that the first part starts at a page boundary.
+/// Length of the header in bytes: one page, so that the first part of the file (a chunk or a tile) starts at a page
+/// boundary.
 pub(crate) const HEADER_LEN: usize = 4096;
 /// Alignment of parts: every part starts at a multiple of this number of bytes.
 pub(crate) const ALIGNMENT: u64 = 64;
@@ -32,14 +34,15 @@ pub(crate) type HeaderBytes = [u8; HEADER_LEN];
 #[derive(Debug)]
 pub(crate) struct Kind {
     pub(crate) magic: [u8; 8],
-    /// Format version: files are written in this version, and other versions can't be read.
+    /// Format version of files of this kind. Files are written in this version, and files of other versions can't be
+    /// read.
     pub(crate) version: u32,
     /// Offset of the first byte after the fields of this kind of file. The bytes from this offset to the header's hash
     /// are zeros.
     pub(crate) reserved_at: usize,
     /// BLAKE3 key-derivation context of the root hash.
     pub(crate) root_context: &'static str,
-    /// Name of a part of the file in error messages.
+    /// Word for a part of the file in error messages: `chunk` or `tile`.
     pub(crate) part: &'static str,
 }
 
@@ -97,14 +100,14 @@ pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C
         return Err(StoreError::Version { path: path.to_path_buf(), expected: version, found });
     }
     if !is_intact(header) {
-        return Err(StoreError::corrupt(path, "header", "bytes that match the stored hash", "other bytes"));
+        return Err(StoreError::corrupt(path, "hash of the header", "the stored hash", "a different hash"));
     }
     let header_len = u32_at(header, HEADER_LEN_AT);
     if header_len as usize != HEADER_LEN {
         return Err(StoreError::corrupt(path, "header length", HEADER_LEN, header_len));
     }
     if header[reserved_at..HASH_AT].iter().any(|&byte| byte != 0) {
-        return Err(StoreError::corrupt(path, "reserved bytes", "zeros", "other bytes"));
+        return Err(StoreError::corrupt(path, "reserved bytes", "zeros", "nonzero bytes"));
     }
     C::decode_fields(header, path)
 }

@@ -1,4 +1,5 @@
-//! The container format that basis files and factors share: a header, parts, a table of the parts, and a footer.
+//! Implements the container format that basis files and factors share: a header, parts, a table of the parts, and a
+//! footer.
 //!
 //! ```text
 //! header | part 0 | part 1 | ... | table | footer

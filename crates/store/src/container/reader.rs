@@ -1,5 +1,5 @@
-//! Opens and reads a file: header, table and footer are checked on opening, and each part is checked when it is first
-//! read.
+//! Opens and reads a basis file or factor. The header, table and footer are checked when the file is opened, and each
+//! part (chunk or tile) when it is first read.
 
 use std::ops::Range;
 use std::path::Path;
@@ -22,7 +22,7 @@ pub(crate) struct Container<C> {
     checked: Vec<AtomicBool>,
 }
 
-/// Mapped parts of a file.
+/// A window on a file: a run of parts, mapped into memory.
 #[derive(Debug)]
 pub(crate) struct MappedParts {
     window: Window,
@@ -79,7 +79,7 @@ impl<C: Contents> Container<C> {
         let stored = &mapped.window.bytes()[self.place(mapped, part)];
         if !self.checked[part].load(Ordering::Relaxed) {
             if crc32c::crc32c(stored) != self.entries[part].crc {
-                // A missing page of the file also makes the checksum wrong. In that case, report the missing page.
+                // If a page of the file is missing, the checksum is also wrong. In that case, report the missing page.
                 self.check(mapped)?;
                 return Err(self.contents.damaged(self.source.path(), part, "its CRC-32C"));
             }
@@ -155,7 +155,7 @@ fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) ->
     let mut table = vec![0; table_len as usize];
     source.read_at(footer.table_offset, &mut table)?;
     if root(C::KIND.root_context, header, &table) != footer.root {
-        return Err(StoreError::corrupt(path, "root hash", "the hash of header and table", "a different hash"));
+        return Err(StoreError::corrupt(path, "root hash", "the hash of the header and table", "a different hash"));
     }
     Ok((table, footer.table_offset))
 }

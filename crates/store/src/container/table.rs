@@ -1,4 +1,5 @@
-//! Encodes and decodes the end of a file: the table of parts, and the footer.
+//! Encodes and decodes the end of a basis file or factor: the table of the file's parts (chunks or tiles), and the
+//! footer.
 //!
 //! See "Table" and "Footer" in `store-format.md`.
 
@@ -9,7 +10,7 @@ use crate::container::codec::Codec;
 use crate::container::frame::{ALIGNMENT, Contents, HEADER_LEN};
 use crate::error::StoreError;
 
-/// Location and hashes of a part.
+/// Table entry of a part: its location, lengths, codec and hashes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Entry {
     pub(crate) offset: u64,
@@ -85,8 +86,8 @@ pub(crate) fn encode_table(entries: &[Entry]) -> Vec<u8> {
     entries.iter().flat_map(Entry::encode).collect()
 }
 
-/// Reads the table. Checks that the parts follow each other from the header to the table, and that each has the length
-/// that the header implies.
+/// Decodes the table. Checks that the parts follow each other without gaps from the header to the table, and that each
+/// part has the length that the header implies.
 pub(crate) fn decode_table<C: Contents>(
     bytes: &[u8],
     contents: &C,
@@ -164,17 +165,17 @@ impl Footer {
         bytes
     }
 
-    /// Reads a footer. `file_len` is the actual length of the file.
+    /// Decodes a footer and checks it. `file_len` is the actual length of the file.
     pub(crate) fn decode(bytes: &[u8; FOOTER_LEN], file_len: u64, path: &Path) -> Result<Self, StoreError> {
         if bytes[..8] != FOOTER_MAGIC {
             let found = bytes[..8].escape_ascii();
-            return Err(StoreError::corrupt(path, "footer (cut off?)", FOOTER_MAGIC.escape_ascii(), found));
+            return Err(StoreError::corrupt(path, "footer (truncated file?)", FOOTER_MAGIC.escape_ascii(), found));
         }
         if blake3::hash(&bytes[..FOOTER_HASH_AT]).as_bytes() != &bytes[FOOTER_HASH_AT..] {
-            return Err(StoreError::corrupt(path, "footer", "bytes that match the stored hash", "other bytes"));
+            return Err(StoreError::corrupt(path, "hash of the footer", "the stored hash", "a different hash"));
         }
         if bytes[RESERVED_AT..FOOTER_HASH_AT].iter().any(|&byte| byte != 0) {
-            return Err(StoreError::corrupt(path, "reserved bytes of the footer", "zeros", "other bytes"));
+            return Err(StoreError::corrupt(path, "reserved bytes of the footer", "zeros", "nonzero bytes"));
         }
         let footer = Self {
             table_offset: u64_at(bytes, TABLE_OFFSET_AT),

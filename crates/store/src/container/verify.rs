@@ -1,5 +1,5 @@
-//! Verifies every byte of a file against its hashes. The file is read in pieces of at most 1 MiB, so that a manipulated
-//! file that declares huge parts costs time but not memory.
+//! Verifies every byte of a file against the hashes in its table and footer. The file is read in pieces of at most 1
+//! MiB, so that a manipulated file that declares huge parts costs time but not memory.
 
 use std::fs::File;
 use std::io;

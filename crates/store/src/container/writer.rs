@@ -1,5 +1,5 @@
-//! Writes a file: parts in any order, then the header, table and footer; finally renames the temporary file to its
-//! final name.
+//! Writes a basis file or factor: first its parts (chunks or tiles) in any order, then the header, table and footer.
+//! Finally, gives the temporary file its final name.
 //!
 //! A file is valid if its footer passes all checks and it has its final name. Before that, it has a temporary name,
 //! which readers ignore. If an error occurs, the temporary file is removed; see "Writing" in `store-format.md`.
@@ -45,8 +45,8 @@ impl ContainerWriter {
         self.temporary.as_file()
     }
 
-    /// Writes the stored bytes of a part. The padding up to the next part isn't written, so the system returns zeros
-    /// when the padding is read.
+    /// Writes the stored bytes of a part. The padding up to the next part isn't written; the system fills it with
+    /// zeros.
     pub(crate) fn write_part(
         &self,
         part: usize,

@@ -90,7 +90,7 @@ pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> R
     Err(StoreError::FactorMissing { store: store.to_path_buf(), key: spec.key, wanted, available })
 }
 
-/// Result of [`start_factor`].
+/// Result of [`start_factor`]: the existing factor, or a writer for a new one.
 #[derive(Debug)]
 pub enum StartedFactor {
     /// The factor already exists.
@@ -172,15 +172,15 @@ impl Existing {
 
 /// Returns an upper bound on the size of a factor's file in bytes.
 fn file_bytes(grid: TileGrid, scalar: Scalar) -> u64 {
-    // The padding after each tile is less than 64 bytes; 64 bytes are assumed.
+    // The padding after each tile is less than 64 bytes; the bound assumes 64 bytes.
     let values: u64 = grid.tiles().map(|(row, column)| grid.len(row, column) as u64).sum();
     values * scalar.size() as u64
         + grid.count() as u64 * (ENTRY_LEN as u64 + ALIGNMENT)
         + (HEADER_LEN + FOOTER_LEN) as u64
 }
 
-/// Checks that the disk has enough space for a factor. Returns the disk space in bytes that is needed while the factor
-/// is computed. `read_back` has the same meaning as in [`start_factor`].
+/// Checks that the disk has enough space for a factor. Returns the disk space in bytes that computing the factor needs.
+/// `read_back` has the same meaning as in [`start_factor`].
 ///
 /// # Errors
 ///

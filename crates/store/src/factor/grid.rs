@@ -74,7 +74,7 @@ impl TileGrid {
 
     /// Returns the number of the diagonal tile of a tile column.
     fn first_of(&self, column: usize) -> usize {
-        // For n tile columns, the columns before this one have n, n - 1, ... tiles.
+        // With n tile columns, the tile columns before this one have n, n - 1, ... tiles.
         column * self.columns() - column * column.saturating_sub(1) / 2
     }
 
@@ -84,7 +84,7 @@ impl TileGrid {
     ///
     /// If no tile has this number.
     pub fn place(&self, index: usize) -> (usize, usize) {
-        assert!(index < self.count(), "tile {index} is not one of {} tiles", self.count());
+        assert!(index < self.count(), "expected a tile number below {}, found {index}", self.count());
         let (mut column, mut end) = (0, self.columns());
         while end - column > 1 {
             let middle = column.midpoint(end);

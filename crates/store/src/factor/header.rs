@@ -39,16 +39,16 @@ pub struct Condition {
     pub reciprocal: f64,
 }
 
-/// Header of a factor's file.
+/// Header of the file of a Cholesky factor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FactorHeader {
-    /// Identity of the normal equations that were factorised.
+    /// Identity of the factor: its scheme, degree, weights and smoothness.
     pub spec: FactorSpec,
     /// Scalar type of the values.
     pub scalar: Scalar,
-    /// Layout of the tiles.
+    /// Division of the factor into tiles.
     pub grid: TileGrid,
-    /// Norm and condition of the normal matrix G.
+    /// Norm and condition number of the normal matrix G.
     pub condition: Condition,
 }
 

@@ -6,8 +6,8 @@
 //! with C lower triangular. Computing C takes K^3 / 3 flops, once. With C, each channel of another surface on the same
 //! scheme takes 2 K^2 flops. See "A factor" in `store-format.md`.
 //!
-//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle, one tile column after
-//! another, so that each of the two triangular solves reads the file sequentially.
+//! The file has the same container format as a basis file. Its parts are the tiles of C's lower triangle, one tile
+//! column after another, so that each of the two triangular solves reads the file sequentially.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Reads a factor: opens and checks the file, and maps windows on its tile columns.
+//! Reads a Cholesky factor: opens and checks the file, and maps its tile columns into memory.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -137,7 +137,7 @@ impl TileWindow {
     /// Returns the values of tile (row, column) in place. `column` is the window's tile column. The first read of a
     /// tile verifies its checksum, which also loads the tile into the cache of the calling thread's core.
     ///
-    /// Results computed from the values are valid only once [`check`](Self::check) has passed.
+    /// Results computed from the values are valid only after [`check`](Self::check) has returned no error.
     ///
     /// # Errors
     ///

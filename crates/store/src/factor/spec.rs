@@ -39,7 +39,7 @@ impl fmt::Display for WeightsHash {
     }
 }
 
-/// Identity of a factor: everything that the factor's values depend on, except the scalar type.
+/// Identity of a factor: all data on which the factor's values depend, except the scalar type.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorSpec {
     /// Key of the sampling scheme. The factor's file is in the scheme's folder.

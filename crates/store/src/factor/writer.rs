@@ -1,5 +1,5 @@
-//! Writes a factor: several threads may write tiles in any order, and read back finished tiles while other tiles are
-//! computed.
+//! Writes a Cholesky factor: several threads may write tiles in any order, and read back tiles that have been written
+//! while others are being computed.
 //!
 //! The header is written last, because its condition estimate needs the complete factor.
 
@@ -57,7 +57,7 @@ impl FactorWriter {
         Ok(Self { header, file, scratch, offsets, _lock: lock })
     }
 
-    /// Returns the layout of the tiles.
+    /// Returns the division of the factor into tiles.
     pub fn grid(&self) -> TileGrid {
         self.header.grid
     }

@@ -1,19 +1,19 @@
-//! Survives missing pages of mapped files: access to a page that a file no longer has raises SIGBUS, which would kill
-//! the process.
+//! Lets a process survive access to missing pages of mapped files. Such an access, for example to a page after the end
+//! of a truncated file, raises SIGBUS, which would kill the process.
 //!
-//! Every guarded range is entered into a table of address ranges. A SIGBUS handler, installed with the first range,
-//! looks up the faulting address. If the address lies in a range, the handler maps a page of zeros at the address and
-//! marks the range. The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies
-//! outside all ranges, the handler restores the previous SIGBUS handler and returns, so that the access faults again
-//! under the previous handler.
+//! Every guarded range of addresses is entered into a table. A SIGBUS handler, installed with the first range, looks up
+//! the faulting address. If the address lies in a range, the handler maps a page of zeros at the address and marks the
+//! range. The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies outside
+//! all ranges, the handler restores the previous SIGBUS handler and returns, so that the access faults again under the
+//! previous handler.
 
 #![allow(unsafe_code)]
 
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// The guard of a mapped range. Drop the guard before the range is unmapped, because the system may then reuse the
-/// range's addresses.
+/// Guards a mapped range of addresses. Drop the guard before the range is unmapped, because the system may reuse the
+/// addresses after that.
 #[derive(Debug)]
 pub(crate) struct FaultGuard {
     slot: usize,

@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 pub(crate) use super::faults::FaultGuard;
 
 /// Opens a regular file for reading, without following a symbolic link and without blocking on a FIFO. If the path
-/// names something else, the inner error names its kind.
+/// names something other than a regular file, the inner error states what it is, such as a folder.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {

@@ -43,7 +43,7 @@ fn with_patience<T>(passing: &[i32], mut call: impl FnMut() -> io::Result<T>) ->
 }
 
 /// Opens a regular file for reading, without following a symbolic link. While the file is open, no process can write to
-/// it. If the path names something else, the inner error names its kind.
+/// it. If the path names something other than a regular file, the inner error states what it is, such as a folder.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
     let open = |flags: u32| {
         let mut options = OpenOptions::new();
@@ -57,7 +57,7 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>
     let metadata = file.metadata()?;
     Ok(match metadata.file_type() {
         k if k.is_symlink() => Err("a symbolic link"),
-        // This reparse point is a file whose bytes are supplied by a filter of the file system, such as a file on a
+        // This reparse point is a regular file whose bytes are supplied by a file-system filter, such as a file on a
         // volume with deduplication.
         k if k.is_file() && metadata.file_attributes() & REPARSE_POINT != 0 => Ok(open(0)?),
         k if k.is_file() => Ok(file),
@@ -148,12 +148,12 @@ pub(crate) fn with_usual_rights(_builder: &mut tempfile::Builder<'_, '_>) {}
 pub(crate) struct FaultGuard;
 
 impl FaultGuard {
-    /// Returns a guard.
+    /// Returns a guard that does nothing.
     pub(crate) fn new(_start: usize, _end: usize) -> Option<Self> {
         Some(Self)
     }
 
-    /// Returns false.
+    /// Returns false, because pages are never missing.
     pub(crate) fn faulted(&self) -> bool {
         false
     }

@@ -79,7 +79,7 @@ const LIES: &[Lie] = &[
     // In these entries, the hash of the header, table or footer is wrong. No other check on opening covers the changed
     // bytes.
     Lie {
-        what: "header: expected bytes that match the stored hash",
+        what: "hash of the header: expected the stored hash",
         change: |f| f.header[16] ^= 1,
         seal: |f| {
             f.seal_root();
@@ -88,8 +88,8 @@ const LIES: &[Lie] = &[
     },
     Lie { what: "root hash", change: |f| f.table[40] ^= 1, seal: Forged::seal_footer },
     Lie { what: "root hash", change: |f| f.footer[32] ^= 1, seal: Forged::seal_footer },
-    Lie { what: "footer: expected bytes that match the stored hash", change: |f| f.footer[96] ^= 1, seal: nothing },
-    Lie { what: "footer (cut off?)", change: |f| f.footer[0] ^= 1, seal: all },
+    Lie { what: "hash of the footer: expected the stored hash", change: |f| f.footer[96] ^= 1, seal: nothing },
+    Lie { what: "footer (truncated file?)", change: |f| f.footer[0] ^= 1, seal: all },
     Lie { what: "reserved bytes of the footer", change: |f| f.footer[64] = 1, seal: all },
     Lie { what: "length of the file", change: |f| f.footer[24] ^= 1, seal: all },
     Lie { what: "number of entries in the table", change: |f| f.footer[16] ^= 1, seal: all },

@@ -48,7 +48,7 @@ fn a_run_that_is_ended_anywhere_goes_on_to_the_same_bits() {
     let bytes = std::fs::read(&whole).unwrap();
     let records = (bytes.len() - HEADER) / RECORD;
     assert_eq!(bytes.len(), HEADER + RECORD * records);
-    // Cases of a file that ends within the header or a record, is damaged, or has a block that was never written.
+    // Tries files that end within the header or within a record, are damaged, or have a block that was never written.
     let path = folder.path().join("state");
     let damaged = |at: usize| {
         let mut bytes = bytes.clone();
@@ -68,7 +68,7 @@ fn a_run_that_is_ended_anywhere_goes_on_to_the_same_bits() {
     for (start, found) in ends {
         std::fs::write(&path, start).unwrap();
         assert_eq!(run(&path, &Silent).unwrap(), (expected.clone(), found));
-        assert!(std::fs::read(&path).unwrap() == bytes, "what was found again is what was there");
+        assert!(std::fs::read(&path).unwrap() == bytes, "the file is that of an uninterrupted run");
     }
     // The run is interrupted repeatedly, and makes progress each time.
     std::fs::remove_file(&path).unwrap();

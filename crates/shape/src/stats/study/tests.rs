@@ -135,7 +135,7 @@ fn numbers_far_from_all_others_are_doubted() {
     let found = question(&column("group", "a a a a a b b b b b"), &[], std::slice::from_ref(&age)).unwrap();
     assert_eq!(found.warnings, std::slice::from_ref(&expected));
     assert_eq!(question(&age, &[], &[]).unwrap().warnings, [expected]);
-    // The largest numbers of skewed data are far from the others, but don't look like codes.
+    // The largest numbers of skewed data are far from the other numbers, but don't look like codes.
     for (volumes, warnings) in [
         ("1 2 3 4 5 9 17 33 65 129", 0),
         ("1 2 3 4 5 9 17 33 65 1290.5", 0),

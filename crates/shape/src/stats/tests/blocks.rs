@@ -1,4 +1,5 @@
-//! Tests exchangeability blocks and variance groups against brute force and against the tests they generalise.
+//! Tests exchangeability blocks and variance groups by comparing them with brute-force computations and with the
+//! simpler tests that they generalise.
 
 use super::*;
 
@@ -135,7 +136,7 @@ fn shared_slopes_of_unequal_variances_have_valid_p() {
 
 #[test]
 fn several_contrasts_of_unequal_variances_are_welchs_analysis_of_variance() {
-    // The expected values are computed in NumPy and SciPy by Welch's formulas (1951).
+    // The expected values are computed in NumPy and SciPy from the formulas of Welch (1951).
     let y = array![[1.0], [2.5], [0.5], [3.0], [9.0], [2.0], [-4.0], [7.0], [5.0], [5.5], [4.5], [6.0], [5.2]];
     let design = Design::groups(&[4, 4, 5]).unwrap();
     let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };

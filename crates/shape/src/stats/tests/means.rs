@@ -1,4 +1,4 @@
-//! Compares tests of means with brute force.
+//! Compares tests of means with brute-force computations.
 
 use super::*;
 

@@ -45,7 +45,7 @@ fn tfce_is_its_integral() {
     for v in 0..63 {
         let sign = statistics[v].signum();
         let signed: Vec<f64> = statistics.iter().map(|value| sign * value).collect();
-        // The integral is approximated by the midpoints of 4,000 steps.
+        // The integral is approximated by the midpoint rule with 4,000 steps.
         let step = signed[v] / 4000.0;
         let slice = |k: usize| {
             let height = (k as f64 + 0.5) * step;

@@ -1,4 +1,5 @@
-//! Tests the warning about groups of unequal variance, and Welch's test against SciPy and brute force.
+//! Tests the warning about groups of unequal variance, and compares Welch's test with SciPy and with brute-force
+//! computations.
 
 use ndarray::concatenate;
 
@@ -76,7 +77,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     let contrast = Contrast::row(&[1.0, -1.0, 0.0]);
     let found = test(y.view(), 1, &design, &contrast, &without_permutations(), &Silent).unwrap();
     assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { remedy: Some(Remedy::VarianceGroups), .. }]));
-    // There may also be more than two groups, and groups may be defined by a column of numbers with two distinct
+    // A design may also have more than two groups, and groups may be defined by a column of numbers with two distinct
     // values.
     let three = Design::groups(&[6, 10, 8]).unwrap();
     let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };
@@ -107,7 +108,7 @@ fn welchs_test_of_positions_is_the_multivariate_behrens_fisher_test() {
     let design = Design::groups(&[5, 8]).unwrap();
     let contrast = Contrast::difference(2, 0, 1);
     let found = test(y.view(), 3, &design, &contrast, &params, &Silent).unwrap();
-    // The expected values are computed in NumPy and SciPy by the formulas with explicit inverses.
+    // The expected values are computed in NumPy and SciPy from the formulas, with explicit inverses.
     for (v, (statistic, p)) in BEHRENS_FISHER.into_iter().enumerate() {
         assert!((found.statistic[v] / statistic - 1.0).abs() < 1e-12, "{}", found.statistic[v]);
         assert!((found.p[v] / p - 1.0).abs() < 1e-11, "{}", found.p[v]);

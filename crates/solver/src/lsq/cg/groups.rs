@@ -1,9 +1,9 @@
 //! Runs conjugate gradients on groups of a few columns.
 //!
-//! If products process a few columns at a time anyway, each group of columns is iterated to its end separately. This
-//! has three advantages: a group's arrays stay in a thread's cache from one step to the next, threads wait for each
-//! other only once, and a converged group needs no further products. In a run from x = 0, a group's iterates are
-//! bit-identical to the iterates of a separate solve for this group.
+//! If products with the normal matrix process a few columns at a time anyway, the iterations for each group of columns
+//! run to their end separately. This has three advantages: a group's arrays stay in a thread's cache from one step to
+//! the next, threads wait for each other only once, and a converged group needs no further products. If the iterations
+//! start from zero, a group's iterates are bit-identical to the iterates of a separate solve for this group.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -16,10 +16,10 @@ use crate::lsq::problem::Problem;
 use crate::lsq::progress::Progress;
 
 impl Cg {
-    /// Iterates like [`steps`](Self::steps), but on `width` columns at a time. If the first group makes too little
-    /// progress, the other groups are left unchanged.
+    /// Iterates like [`steps`](Self::steps), but on `width` columns at a time. If the first group converges too slowly,
+    /// the other groups are left unchanged.
     ///
-    /// Reports the steps of a group to the monitor when the group has ended.
+    /// Reports the steps of a group to the monitor when the group's iterations have ended.
     pub(super) fn steps_of_groups(
         &mut self,
         width: usize,
@@ -47,7 +47,8 @@ impl Cg {
         let mut groups: Vec<Group<'_>> = groups.map(|((x, gradient), scale)| Group { x, gradient, scale }).collect();
         let mut ended = Vec::with_capacity(groups.len());
         if progress.is_some() {
-            // All groups have the same matrix: the first group shows whether to use a factor for all of them.
+            // All groups have the same matrix, so the convergence of the first group shows whether to switch to a
+            // factor for all groups.
             ended.push(run(groups.remove(0))?);
         }
         let given_up = |first: &Ended| first.stop == Stop::IterationLimit && first.iterations < params.max_iterations;
@@ -55,8 +56,8 @@ impl Cg {
             let others = groups.into_par_iter().with_max_len(1).map(run);
             ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
         }
-        // Each group that hasn't converged has a best iteration. Keep the earliest of these, because a restarted run
-        // may have to end at that iteration.
+        // Each group that hasn't converged has an iteration at which its optimality was best. Keep the earliest of
+        // these iterations, because a restarted run may have to end there.
         let before = self.iterations;
         let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
         if let Some(best_at) = left.map(|group| before + group.best_at).min() {
@@ -80,7 +81,7 @@ struct Group<'a> {
     scale: &'a [f64],
 }
 
-/// Result of iterating a group.
+/// Result of the iterations for a group.
 struct Ended {
     stop: Stop,
     iterations: usize,

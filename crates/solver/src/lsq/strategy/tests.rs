@@ -135,7 +135,7 @@ fn reasons_are_as_expected() {
     }
 }
 
-/// Checks the largest predicted number of remaining iterations for which the solver doesn't switch to a factor.
+/// Tests the largest predicted number of remaining iterations for which the solver doesn't switch to a factor.
 #[test]
 fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
     let most = |moments: Moments, factor: Factor| {

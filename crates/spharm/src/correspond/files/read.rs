@@ -13,9 +13,9 @@ use super::{
 use crate::Error;
 use crate::correspond::{CorrespondReport, Group, GroupTemplate, MemberReport};
 
-/// Largest size of a group's JSON file in bytes.
+/// Maximum size of a group's JSON file in bytes.
 const MOST: u64 = 256 << 20;
-/// Names of the steps of a correspondence in reports.
+/// Names that reports use for the steps of a correspondence.
 const STEPS: [&str; 5] = ["poses", "template", "registration", "fits", "refinement"];
 
 impl GroupFiles {
@@ -23,14 +23,14 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] if `group.json` can't be read; [`Error::GroupFile`] if it isn't a group's record, or has
-    /// another version.
+    /// [`Error::Surface`] if `group.json` can't be read; [`Error::GroupFile`] if it isn't a group's record, or its
+    /// format version isn't supported.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join("group.json");
         let shared: Shared = read_json(&path)?;
         if shared.version != VERSION {
-            return Err(refused(&path, format!("version {VERSION}"), shared.version));
+            return Err(refused(&path, format!("format version {VERSION}"), shared.version));
         }
         if let Some(index) = shared.masked.iter().find(|index| **index >= shared.directions) {
             return Err(refused(&path, format!("indices of masked directions below {}", shared.directions), index));
@@ -126,8 +126,8 @@ impl GroupFiles {
         (0..taken).map(of).collect()
     }
 
-    /// Reads the members with the given indices in [`names`](Self::names) as a separate group. Its report contains the
-    /// members' figures but no warnings, since the files contain warnings only as text.
+    /// Reads a part of the group as a separate group: the members with the given indices in [`names`](Self::names). Its
+    /// report contains the members' figures but no warnings, since the files contain warnings only as text.
     ///
     /// # Errors
     ///

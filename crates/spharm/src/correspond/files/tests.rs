@@ -100,7 +100,7 @@ fn what_exists_stays_and_nothing_is_left_half_written() {
     group.write(folder.path(), &origins(), true).unwrap();
     group.write(folder.path(), &origins(), true).unwrap();
     assert!(group.write(folder.path(), &origins(), false).unwrap_err().to_string().contains("exists"));
-    // A folder has the name of a file to be written, so writing fails and the members written before are removed.
+    // A folder already has the name of one of the files, so writing fails, and the files written before are removed.
     let other = tempfile::tempdir().unwrap();
     fs::create_dir_all(other.path().join("b.spharm.npz")).unwrap();
     assert!(group.write(other.path(), &origins(), true).is_err());

@@ -107,7 +107,7 @@ impl GroupTemplate {
             return same(GroupFiles::open(folder)?);
         }
         make_folders(folder)?;
-        // A run that was interrupted before it wrote `group.json` may have left the file of the mean.
+        // A run that was interrupted before it wrote `group.json` may have left the mean's file.
         let is_there = Model::read(model_path(folder, "mean")).is_ok_and(|mean| mean.coefficients == self.mean);
         let mean = if is_there { Ok(()) } else { writer.mean(self) };
         let begun = mean.and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));

@@ -10,9 +10,9 @@ use super::{LandmarkCause, MENDED, MisplacedLandmarks, length, median};
 
 /// Minimum number of landmarks. With fewer landmarks, an exchange of two landmarks may improve the fit by chance.
 const LEAST: usize = 4;
-/// Number of landmarks among which exchanges are tried: those whose positions differ most between members.
+/// Maximum number of landmarks among which exchanges are tried: those whose positions differ most between members.
 const TRIED: usize = 20;
-/// Maximum number of exchanges.
+/// Maximum number of exchanges made in a group.
 const EXCHANGES: usize = 3;
 /// Two landmarks of a member are exchanged only if the exchange reduces the sum of the squared differences between the
 /// members' landmarks to this fraction or less.
@@ -33,8 +33,8 @@ struct Differences {
 }
 
 impl Differences {
-    /// Computes the differences between the landmarks of `members`. Each member's landmarks must be scaled to equal
-    /// size and relative to their mean.
+    /// Computes the differences between the landmarks of `members`. All members' landmarks must be scaled to the same
+    /// size, and each member's landmarks must be relative to their mean.
     fn of(members: &[Vec<Vec3>]) -> Self {
         let onto = |own: &Vec<Vec3>, to: &[Vec3]| -> Vec<Vec3> {
             let moved = motion(own, to, None, false, false);
@@ -167,7 +167,7 @@ mod tests {
             text.starts_with("the landmarks L0 and L3 seem to be swapped, on this surface or on another"),
             "{text}"
         );
-        // Landmarks near each other, and too few landmarks, aren't compared.
+        // Landmarks that are near each other, or fewer than the minimum number, aren't compared.
         assert_eq!(swapped(&given, 100.0), None);
         given.iter_mut().for_each(|own| own.truncate(3));
         assert_eq!(swapped(&given, 0.5), None);

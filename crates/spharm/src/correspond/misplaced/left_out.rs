@@ -3,12 +3,12 @@
 
 use super::{LandmarkCause, MisplacedLandmarks, UNUSUAL, median};
 
-/// A guiding landmark is reported only if a registration without this landmark leaves it farther from its place than
-/// this fraction of the mean surface's extent.
+/// A guiding landmark is reported only if it ends up farther from its place than this fraction of the mean surface's
+/// extent in a registration without it.
 const FAR: f64 = 0.1;
 
-/// Returns a warning for each member with landmarks that are far from their places in a registration that they don't
-/// guide. `distances` has the distance of each landmark for each member.
+/// Returns a warning for each member with landmarks that end up far from their places in a registration that leaves
+/// them out. `distances` has one list per member: the distance of each landmark from its place in that registration.
 pub(super) fn contradicted(distances: &[Vec<f64>], extent: f64) -> Vec<MisplacedLandmarks> {
     let Some(usual) = median(distances.iter().flatten().copied()) else { return Vec::new() };
     let least = (FAR * extent).max(UNUSUAL * usual);
