@@ -103,6 +103,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     }
     for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]).chain(&cli.mask) {
         if let Err(expected) = check_id(name) {
+            let expected = expected.replacen("an id", "a name", 1);
             bail!("{name:?}: expected {expected}, such as white for lh.white and rh.white");
         }
     }

@@ -93,6 +93,14 @@ pub enum SolverError {
         /// Number of rows found.
         found: usize,
     },
+    /// The number of penalties isn't the number of degrees.
+    #[error("expected a penalty for each of {expected} degrees, found {found}")]
+    Penalties {
+        /// Number of degrees, L + 1.
+        expected: usize,
+        /// Number of penalties.
+        found: usize,
+    },
     /// The targets contain a NaN or an infinity.
     #[error("column {column} of the targets has a NaN or infinite value at row {row}")]
     NotFinite {

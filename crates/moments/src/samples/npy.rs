@@ -52,10 +52,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let header = read_header(path, &mut input)?;
     let expected = header.bytes().and_then(|values| values.checked_add(header.length));
     if expected != Some(bytes) {
-        let expected = format!(
-            "{} rows of {} bytes after {} bytes, according to the header",
-            header.rows, header.row, header.length
-        );
+        let expected = format!("a header of {} bytes and {} rows of {} bytes", header.length, header.rows, header.row);
         return Err(malformed(path, expected, format!("{bytes} bytes in total")));
     }
     let rows = shard.range(header.rows);

@@ -166,9 +166,9 @@ fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Resul
         (Some(_), 2..) => Err(unlike("only values of one component are possible", "given for positions")),
         _ => match params.errors {
             Some(errors) if params.welch && errors != Resampling::SignFlips => Err(ShapeError::Setting {
-                name: "errors",
+                name: "the assumption about the errors",
                 found: errors.assumption().to_owned(),
-                expected: "Welch's test needs symmetric errors",
+                expected: "Welch's test needs independent errors, symmetric about zero",
             }),
             _ => Ok(()),
         },

@@ -122,8 +122,8 @@ impl<'a> LsqSolver<'a> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`], [`SolverError::Weight`], [`SolverError::Smoothness`] or [`SolverError::Penalty`] if a
-    /// parameter is invalid.
+    /// [`SolverError::Rows`], [`SolverError::Weight`], [`SolverError::Smoothness`], [`SolverError::Penalties`] or
+    /// [`SolverError::Penalty`] if a parameter is invalid.
     pub fn new(
         operator: &'a dyn Operator,
         make_gram: Option<&'a MakeGram<'a>>,
@@ -357,7 +357,7 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
     let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
     let found = by_degree.len();
     if found != max_degree + 1 {
-        return Err(SolverError::Rows { what: "the list of penalties by degree", expected: max_degree + 1, found });
+        return Err(SolverError::Penalties { expected: max_degree + 1, found });
     }
     if let Some(degree) = by_degree.iter().position(|p| !(*p >= 0.0 && p.is_finite())) {
         return Err(SolverError::Penalty { degree, found: by_degree[degree] });

@@ -59,7 +59,7 @@ impl GuideLandmarks {
         }
         match (&self.template, template) {
             (None, true) => refused("landmarks for the template", "none".to_owned()),
-            (Some(_), false) => refused("a template, because landmarks for a template are given", "none".to_owned()),
+            (Some(_), false) => refused("a template for the given template landmarks", "none".to_owned()),
             _ => Ok(()),
         }
     }

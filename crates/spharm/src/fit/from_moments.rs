@@ -233,7 +233,7 @@ fn check_range(moments: &Moments) -> Result<(), Error> {
             what: "a fit from moments",
             expected: "sums of squares from 1e-307 to 1e308",
             found: format!(
-                "sums outside this range for channel {channel:?}; scale the values and compute the moments again"
+                "sums outside this range for column {channel}; scale the values and compute the moments again"
             ),
         })
     })

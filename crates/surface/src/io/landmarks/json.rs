@@ -65,7 +65,10 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
             None | Some(Value::Null) => &[][..],
             Some(Value::Array(points)) => points,
             Some(other) => {
-                return Err(Flaw::new(format!("a list as the controlPoints of markups {number}"), kind(other)));
+                return Err(Flaw::new(
+                    format!("a list for the controlPoints of markups {number} (counted from 0)"),
+                    kind(other),
+                ));
             }
         };
         for (index, point) in points.iter().enumerate() {
