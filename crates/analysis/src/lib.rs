@@ -1,7 +1,7 @@
 //! The verb `shape` of the program, which analyses models. Each subcommand has a file with its arguments, its calls of
 //! the library and its output. `args` holds the shared arguments; `outputs` names and writes the results.
 //!
-//! A new subcommand needs a file in this folder, a variant of [`Command`] and a line in [`run`].
+//! A new subcommand needs a file in this folder, a variant of `Command` and a line in [`run`].
 
 mod again;
 mod align;
