@@ -183,7 +183,7 @@ fn bad_penalties_and_too_few_rows_get_typed_errors() {
         let params = LsqParams { penalty: Some(penalty), ..params(Strategy::Auto) };
         try_solve(&sampling, 4, &targets, params, &Silent).unwrap_err()
     };
-    assert!(matches!(error(vec![1.0; 4]), SolverError::Rows { expected: 5, found: 4, .. }));
+    assert!(matches!(error(vec![1.0; 4]), SolverError::Penalties { expected: 5, found: 4 }));
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(error(vec![0.0, 1.0, bad, 0.0, 0.0]), SolverError::Penalty { degree: 2, .. }));
     }
