@@ -171,7 +171,7 @@ def test_errors_name_the_argument(pair: tuple[sp.Model, sp.Model]) -> None:
 def test_equal_triangles_whose_vertices_dont_correspond_are_warned_about() -> None:
     surface = sp.icosphere(4)
     turned = sp.Surface(surface.vertices @ [[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]], surface.faces)
-    with pytest.warns(sp.SpharmWarning, match="the vertices don't correspond; measure between the surfaces"):
+    with pytest.warns(sp.SpharmWarning, match="the vertices don't correspond; measure the distance between the surfaces"):
         assert sp.compare(surface, turned).rms > 0.1
     with warnings.catch_warnings():
         warnings.simplefilter("error")

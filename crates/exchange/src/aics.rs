@@ -13,9 +13,9 @@ use spharm_harmonics::index::column;
 use crate::convert::phase;
 use crate::format::Normalization;
 
-/// Returns the names and values of the coefficients in aics-shparam's order: all cosines, then all sines. Both groups
-/// are sorted by degree, then by order from 0 to L. The coefficients of orders above the degree and of the sines of
-/// order 0 are zero.
+/// Returns the names and values of the coefficients in aics-shparam's order: all cosines, then all sines. The cosines
+/// and the sines are each sorted by degree, then by order from 0 to L. Coefficients of orders above the degree, and of
+/// sines of order 0, are zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
     let (factor, orders) = (Normalization::FourPi.factor(0, 0), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {

@@ -1,5 +1,5 @@
-//! Reads and writes SPHARM-PDM's `.coef` files: `{ 169,{x, y, z},`, then one row of coefficients per line, and `}` at
-//! the end.
+//! Reads and writes SPHARM-PDM's `.coef` files. The first line is `{ 169,{x, y, z},`, with the number of rows and the
+//! first row of coefficients. Each further line has one row, and `}` ends the file.
 
 use std::io::{self, Write};
 
@@ -35,7 +35,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let text = text(bytes)?;
     let head = text.trim_start().strip_prefix('{').and_then(|rest| rest.split_once(','));
     let (count, rows) = head.ok_or_else(|| Flaw::new("`{ COUNT,` at the beginning", quoted(text)))?;
-    let count: usize = count.trim().parse().map_err(|_| Flaw::new("the count of rows", quoted(count)))?;
+    let count: usize = count.trim().parse().map_err(|_| Flaw::new("the number of rows", quoted(count)))?;
     let mut values = Vec::new();
     for (line, text) in rows.lines().enumerate() {
         let separated = text.split(|c: char| c.is_whitespace() || "{},".contains(c));

@@ -1,8 +1,9 @@
 //! Converts coefficients to and from the arrays of other packages.
 //!
-//! `a` denotes canonical coefficients (K, c). For m > 0, the complex coefficients are `c_lm = (-1)^m (a_lm - i a_l,-m)
-//! / sqrt2` and `c_l,-m = (-1)^m conj c_lm` ([`Coefficients::to_complex`]). If a complex series doesn't represent a
-//! real function, the real part of the function is used.
+//! The canonical coefficients `a` have K rows, one per harmonic, and c columns, one per channel. For m > 0, the complex
+//! coefficients are `c_lm = (-1)^m (a_lm - i a_l,-m) / sqrt2` and `c_l,-m = (-1)^m conj c_lm`
+//! ([`Coefficients::to_complex`]). If a complex series doesn't represent a real function, the real part of the function
+//! is used.
 //!
 //! Source: the packages' own definitions, as stated in `docs/exchange.md`; `python/spharm_rs/convert.py` has the same
 //! formulas in NumPy.
@@ -31,8 +32,8 @@ fn pdm(row: usize) -> (usize, f64) {
     (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
 }
 
-/// Returns the rows (K, c) of a SPHARM-PDM `.coef` file. Within a degree, order 0 comes first, followed by the factors
-/// of Re Y and Im Y for each higher order.
+/// Returns the rows of a SPHARM-PDM `.coef` file, a (K, c) array. Within a degree, order 0 comes first, followed by the
+/// factors of Re Y and Im Y for each higher order.
 #[must_use]
 pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     let mut rows = Array2::zeros(a.values().raw_dim());
@@ -43,7 +44,7 @@ pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     rows
 }
 
-/// Converts the rows (K, c) of a SPHARM-PDM `.coef` file to canonical coefficients.
+/// Converts the rows of a SPHARM-PDM `.coef` file, a (K, c) array, to canonical coefficients.
 ///
 /// # Errors
 ///
@@ -56,8 +57,8 @@ pub fn from_pdm(rows: &Array2<f64>) -> Result<Coefficients, HarmonicsError> {
     }))
 }
 
-/// Returns the array `alm` (c, (L + 1) (L + 2) / 2) of healpy and ducc0, whose columns are sorted by order. Also
-/// returns the degree and order of each column.
+/// Returns the array `alm` of healpy and ducc0, of shape (c, (L + 1) (L + 2) / 2), whose columns are sorted by order.
+/// Also returns the degree and order of each column.
 #[must_use]
 pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
     let complex = a.to_complex();
@@ -84,7 +85,7 @@ pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64)
     (0..basis_size(max_degree)).map(canonical).collect()
 }
 
-/// Returns the array `flm` (c, L + 1, 2 L + 1) of s2fft, whose orders begin at -L. s2fft's band limit is
+/// Returns s2fft's array `flm` of shape (c, L + 1, 2 L + 1), in which the orders begin at -L. s2fft's band limit is
 /// `max_degree` + 1.
 #[must_use]
 pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
@@ -97,7 +98,7 @@ pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
     flm
 }
 
-/// Converts the array `flm` (c, L + 1, 2 L + 1) of s2fft to canonical coefficients.
+/// Converts s2fft's array `flm` of shape (c, L + 1, 2 L + 1) to canonical coefficients.
 ///
 /// # Errors
 ///
@@ -114,8 +115,8 @@ pub fn from_s2fft(flm: &Array3<Complex64>) -> Result<Coefficients, HarmonicsErro
     Coefficients::from_complex(&complex)
 }
 
-/// Returns pyshtools' orthonormal coefficients (c, 2, L + 1, L + 1) with `csphase=1`, indexed `[k, i, l, m]`, where i
-/// is 0 for cosines and 1 for sines.
+/// Returns pyshtools' orthonormal coefficients with `csphase=1`, an array of shape (c, 2, L + 1, L + 1). The element
+/// `[k, i, l, m]` belongs to channel k, degree l and order m, and i is 0 for cosines and 1 for sines.
 #[must_use]
 pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     let size = a.max_degree() + 1;
@@ -127,7 +128,8 @@ pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     array
 }
 
-/// Converts pyshtools' orthonormal coefficients (c, 2, L + 1, L + 1) with `csphase=1` to canonical coefficients.
+/// Converts pyshtools' orthonormal coefficients with `csphase=1`, an array of shape (c, 2, L + 1, L + 1), to canonical
+/// coefficients.
 ///
 /// # Errors
 ///
@@ -143,8 +145,8 @@ pub fn from_pyshtools(array: &Array4<f64>) -> Result<Coefficients, HarmonicsErro
     }))
 }
 
-/// Converts canonical coefficients (K, c) to FlowShape's coefficients, or back, by multiplying each coefficient by
-/// (-1)^m.
+/// Converts canonical coefficients, a (K, c) array, to FlowShape's coefficients, or back, by multiplying each
+/// coefficient by (-1)^m.
 #[must_use]
 pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     let mut found = values.clone();
@@ -152,8 +154,8 @@ pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     found
 }
 
-/// Returns the matrix (L + 1, 2 L + 1) of weighted SPHARM for one channel. Row l has the coefficients of the cosines of
-/// orders 0 to l, then of the sines of orders 1 to l, then zeros.
+/// Returns the matrix of weighted SPHARM for one channel, of shape (L + 1, 2 L + 1). Row l has the coefficients of the
+/// cosines of orders 0 to l, then of the sines of orders 1 to l, then zeros.
 ///
 /// The harmonics of weighted SPHARM use the azimuth plus pi, so each coefficient is multiplied by (-1)^m.
 #[must_use]

@@ -25,9 +25,9 @@ pub enum ExchangeError {
         path: PathBuf,
         /// Description of a file in the format, beginning with an article.
         format: &'static str,
-        /// The content that the format requires.
+        /// Content that the format requires.
         expected: String,
-        /// The content found instead.
+        /// Content found instead.
         found: String,
     },
     /// The file is intact, but it holds data other than coefficients, or coefficients in an unsupported format.
@@ -39,7 +39,7 @@ pub enum ExchangeError {
         format: &'static str,
         /// The content found.
         found: &'static str,
-        /// What the user can do with the content.
+        /// Advice on what the user can do with the content.
         remedy: &'static str,
     },
     /// The file's format can't be determined from its contents.
@@ -60,11 +60,11 @@ pub enum ExchangeError {
     CannotHold {
         /// Name of the package's format.
         format: &'static str,
-        /// The models that the format can represent.
+        /// Description of the models that the format can represent.
         holds: &'static str,
         /// Number of channels of the model.
         channels: usize,
-        /// Hint at an alternative, appended to the message.
+        /// Suggestion of an alternative, appended to the message.
         hint: &'static str,
     },
     /// The model's degree is too high for the normalisation, whose factors leave the range of 64-bit numbers.
@@ -92,7 +92,7 @@ pub enum ExchangeError {
         /// Name of the package.
         package: &'static str,
     },
-    /// A file holds several channels, so it can't be joined with other files.
+    /// A file that was to be joined with other files has several channels.
     #[error(
         "{}: the file has {channels} channels, but several files make one model only if each has one channel; import \
          each file by itself",

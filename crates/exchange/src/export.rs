@@ -14,9 +14,9 @@ use crate::{aics, beta, coef, fits, mat, npy, shtools, table};
 /// Options of [`export()`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ExportOptions {
-    /// Whether existing files are replaced.
+    /// Whether existing files are overwritten.
     pub overwrite: bool,
-    /// Normalisation for pyshtools' files; all other formats have a fixed normalisation.
+    /// Normalisation of the harmonics in pyshtools' files. All other formats have a fixed normalisation.
     pub normalization: Normalization,
 }
 
@@ -100,7 +100,7 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     }
 }
 
-/// Writes a model in a format. Each file is written atomically.
+/// Writes a model to one or more files in a given format. Each file is written atomically.
 ///
 /// # Errors
 ///

@@ -1,5 +1,5 @@
-//! Reads and writes FITS files as made by healpy's `write_alm`: one binary table per channel. Its columns are the index
-//! l^2 + l + m + 1, the real part and the imaginary part of each coefficient with m >= 0.
+//! Reads and writes FITS files as written by healpy's `write_alm`: one binary table per channel. The columns of a table
+//! are the index l^2 + l + m + 1, the real part and the imaginary part of each coefficient with m >= 0.
 //!
 //! Blocks have 2,880 bytes, headers consist of cards of 80 characters, and numbers are big-endian. Source: FITS
 //! standard 4.0, sections 3, 4 and 7.3.
@@ -15,7 +15,7 @@ use crate::flaw::Flaw;
 
 const BLOCK: usize = 2880;
 const CARD: usize = 80;
-/// Size of a written row in bytes: i64 and two f64.
+/// Size of a written row in bytes: an i64 and two f64.
 const ROW: usize = 24;
 
 /// Returns whether bytes begin like a FITS file.
@@ -80,7 +80,7 @@ fn header(out: &mut dyn Write, cards: &[(&str, String)]) -> io::Result<()> {
     write!(out, "{text:<length$}")
 }
 
-/// The cards of a header, as pairs of keyword and value.
+/// The cards of a header, as pairs of a keyword and its value.
 struct Header<'a>(Vec<(&'a str, &'a str)>);
 
 impl<'a> Header<'a> {
@@ -91,7 +91,10 @@ impl<'a> Header<'a> {
             let at = cards.len() * CARD;
             let card = bytes.get(at..at + CARD).and_then(|card| std::str::from_utf8(card).ok());
             let card = card.ok_or_else(|| {
-                Flaw::new("header cards of 80 characters up to END", "the end of the file, or bytes that aren't text")
+                Flaw::new(
+                    "header cards of 80 characters, ending with END",
+                    "the end of the file, or bytes that aren't text",
+                )
             })?;
             let key = card.get(..8).unwrap_or_default().trim_end();
             if key == "END" {
@@ -100,7 +103,9 @@ impl<'a> Header<'a> {
             let value = card.get(8..).and_then(|rest| rest.strip_prefix('=')).unwrap_or_default().trim();
             cards.push((key, value));
         };
-        *bytes = bytes.get(end..).ok_or_else(|| Flaw::new("blocks of 2880 bytes", "the end of the file"))?;
+        *bytes = bytes
+            .get(end..)
+            .ok_or_else(|| Flaw::new("a header padded to blocks of 2880 bytes", "the end of the file"))?;
         Ok(Self(cards))
     }
 
@@ -114,7 +119,7 @@ impl<'a> Header<'a> {
 
     fn number(&self, key: &str) -> Result<usize, Flaw> {
         let value = self.value(key).and_then(|value| value.split('/').next()).map(str::trim);
-        let found = || Flaw::new(format!("a whole number for {key}"), value.unwrap_or("none"));
+        let found = || Flaw::new(format!("a whole number for {key}"), value.unwrap_or("no value"));
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
@@ -207,7 +212,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     if at > width {
         return Err(Flaw::new(format!("rows of at least {at} bytes"), width));
     }
-    // Reject a table without rows or columns: its declared sizes haven't been checked against any data.
+    // Reject a table without rows or columns, because its declared sizes haven't been checked against any data.
     if rows == 0 || width == 0 {
         return Err(Flaw::new("rows with an index, a real part and an imaginary part", "none"));
     }

@@ -168,14 +168,13 @@ impl Normalization {
         }
     }
 
-    /// Returns the highest degree at which the factors of all orders are in the range of f64; `None` if there is no
-    /// such limit.
+    /// Returns the highest degree at which the normalisation's factors for all orders are in the range of f64; `None`
+    /// if there is no such limit.
     pub(crate) fn highest(self) -> Option<usize> {
         (self == Self::Unnormalized).then_some(150)
     }
 
-    /// Returns the factor by which a canonical coefficient of degree l and order m <= l is multiplied for this
-    /// normalisation.
+    /// Returns the factor that converts a canonical coefficient of degree l and order m <= l to this normalisation.
     pub(crate) fn factor(self, l: usize, m: usize) -> f64 {
         let whole = 4.0 * std::f64::consts::PI;
         match self {

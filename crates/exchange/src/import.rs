@@ -30,13 +30,13 @@ pub struct ImportOptions {
 /// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// Canonical coefficients (K, c), all finite.
+    /// The canonical coefficients, all finite: K rows, one per harmonic, and c columns, one per channel.
     pub coefficients: Coefficients,
     /// The sphere of a SPHARM-MAT file, if it has one. The other formats don't contain a sphere.
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
-    /// Whether a file also states the errors (uncertainties) of its coefficients. The import ignores these errors.
+    /// Whether a file also has the errors (uncertainties) of its coefficients. The import ignores these errors.
     pub errors_left_out: bool,
 }
 
@@ -114,7 +114,7 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 /// block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // Check that the memory suffices for the bytes of the file and for the parsed numbers, which take about as many
+    // Check that enough memory is free for the bytes of the file and for the parsed numbers, which take about as many
     // bytes as the text. Check before reading, because the length of a sparse file can far exceed its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("the contents need {room}")))?;

@@ -24,7 +24,7 @@ pub(crate) fn is_npy(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x93NUMPY")
 }
 
-/// Determines the format from the shape and type of the array. If the shape and type don't determine the format,
+/// Determines which package's array this is from its shape and type. If they fit no package's array, or several,
 /// returns a description of the array.
 pub(crate) fn format_of(bytes: &[u8]) -> Result<Format, String> {
     let array = Array::from_bytes(bytes).map_err(|error| error.to_string())?;
@@ -39,7 +39,7 @@ pub(crate) fn format_of(bytes: &[u8]) -> Result<Format, String> {
 }
 
 pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -> Result<Coefficients, Flaw> {
-    let array = Array::from_bytes(bytes).map_err(|error| Flaw::new("an array", error))?;
+    let array = Array::from_bytes(bytes).map_err(|error| Flaw::new("a NumPy array", error))?;
     let values = array.complex().map_err(|error| Flaw::new("an array of numbers", error))?;
     let shape = format!("shape {:?}", array.shape());
     let real = |array: ArrayD<Complex64>| array.mapv(|c| c.re);
@@ -68,7 +68,7 @@ pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -
             found.ok_or_else(|| wrong("shape ((L + 1)^2, c)"))
         }
         _ => {
-            // A ktch file may also hold all channels one after another, in a vector or in a single row.
+            // A ktch file may also contain all channels one after another, in a vector or in a single row.
             let flat = values.ndim() == 1 || values.shape().first() == Some(&1);
             let rows = if flat && values.len() % 3 == 0 && square(values.len() / 3) { 3 } else { 1 };
             let found = if flat {

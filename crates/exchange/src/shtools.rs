@@ -42,9 +42,9 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
             if found.is_empty() || words.is_empty() || text.trim_start().starts_with('#') {
                 continue;
             }
-            return Err(Flaw::new(format!("degree and order on line {}", line + 1), quoted(text)));
+            return Err(Flaw::new(format!("a degree and an order on line {}", line + 1), quoted(text)));
         };
-        // Columns after the fourth are ignored; see `has_errors`.
+        // Columns after the fourth are the coefficients' errors, which are ignored; see `has_errors`.
         let [_, _, cosine, sine, ..] = words[..] else {
             if found.is_empty() {
                 continue;
@@ -89,7 +89,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     Ok(values)
 }
 
-/// Rejects coefficients if an order occurs twice, or is missing, as in a truncated file.
+/// Rejects coefficients if an order occurs twice or is missing; an order may be missing if the file is truncated.
 fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(), Flaw> {
     let mut orders: Vec<(usize, usize)> = found.iter().map(|&(l, m, _)| (l, m)).collect();
     orders.sort_unstable();

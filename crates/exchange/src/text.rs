@@ -35,6 +35,6 @@ pub(crate) fn quoted(word: &str) -> String {
 
 /// Returns the contents of a file as text, without a byte-order mark.
 pub(crate) fn text(bytes: &[u8]) -> Result<&str, Flaw> {
-    let text = std::str::from_utf8(bytes).map_err(|error| Flaw::new("text", error))?;
+    let text = std::str::from_utf8(bytes).map_err(|error| Flaw::new("UTF-8 text", error))?;
     Ok(text.trim_start_matches('\u{feff}'))
 }

@@ -253,7 +253,7 @@ fn text_of_other_programs_is_read() {
         ("c.sh", Format::Pyshtools, "0 0 nan 0\n", "a number on line 1"),
         ("a.1D", Format::Afni, "1 0\n2 3\n", "L + 1 rows"),
         ("b.1D", Format::Afni, "1 0 0\n2 3\n", "3 numbers on line 2"),
-        ("a.coef", Format::Pdm, "{ 99999999999999999999,{1,2,3}}", "count of rows"),
+        ("a.coef", Format::Pdm, "{ 99999999999999999999,{1,2,3}}", "number of rows"),
         ("b.coef", Format::Pdm, "{ 2,{1,2,3},{1,2,3}}", "(L + 1)^2 rows"),
         ("a.csv", Format::Csv, "l,m,x\n0,0,1\n1,0,2\n", "degree 1, order -1 on line 3"),
         ("b.csv", Format::Csv, "l,m,x_re\n0,0,1\n", "NAME_re and NAME_im"),

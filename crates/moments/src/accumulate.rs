@@ -115,7 +115,7 @@ pub enum Warning {
     },
 }
 
-/// Wall time in seconds by kind of work. Reading runs at the same time as the other work.
+/// Wall time in seconds for each kind of work. Reading runs at the same time as the other work.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
     /// Seconds for reading and parsing.
@@ -149,7 +149,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let scheme = request.scheme();
     let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
     let mut key = Key::new(&request.columns, scheme_key);
-    // With a sampling scheme, each table is read completely, but only this range of its rows is used.
+    // With a sampling scheme, each table is read completely, but only the rows in this range are used.
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
@@ -212,8 +212,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     Ok(Accumulated { moments, warnings, seconds })
 }
 
-/// Returns a warning for each table that equals an earlier one. A table that can't be read is treated as different from
-/// every other table.
+/// Returns a warning for each table that equals an earlier one, byte for byte. A table that can't be read is treated as
+/// different from every other table.
 fn equal_tables(files: &[PathBuf]) -> Vec<Warning> {
     let mut known: Vec<(&PathBuf, [u8; 32])> = Vec::new();
     let mut warnings = Vec::new();
@@ -300,7 +300,7 @@ impl Reading<'_> {
         Ok(before)
     }
 
-    /// Adds the samples of a chunk of rows to the sums. `before` is the number of rows read before the chunk.
+    /// Adds the samples of a chunk of rows to the sums. `before` is the number of the table's rows before the chunk.
     fn one(&mut self, rows: &[f64], before: u64, chunk: &mut Chunk) -> Result<Option<BadRow>, MomentsError> {
         let started = Instant::now();
         let columns = self.plan.columns();

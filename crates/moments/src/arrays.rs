@@ -21,11 +21,11 @@ const CHUNK: usize = 1 << 18;
 /// Samples in memory. The arrays may have any strides.
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
-    /// Vectors (n, 3) of any nonzero length.
+    /// n vectors of any nonzero length, an array of shape (n, 3).
     pub directions: ArrayView2<'a, f64>,
-    /// Values (n, c), all finite.
+    /// Values of the n samples in c channels, an array of shape (n, c), all finite.
     pub values: ArrayView2<'a, f64>,
-    /// Weights (n), finite and nonnegative; `None` if all weights are 1.
+    /// Weights of the n samples, finite and nonnegative; `None` if all weights are 1.
     pub weights: Option<ArrayView1<'a, f64>>,
 }
 

@@ -101,7 +101,7 @@ pub enum MomentsError {
         /// The value found.
         found: String,
     },
-    /// The sizes of the arrays don't match.
+    /// Arrays that belong together have sizes that don't match.
     #[error("{what}: expected {expected}, found {found}")]
     Arrays {
         /// Name of the array or size that doesn't match.
@@ -164,7 +164,7 @@ pub enum MomentsError {
     )]
     ShardOfStream,
     /// The memory budget is too small.
-    #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB", .needed.div_ceil(1 << 20), .budget >> 20)]
+    #[error("moments for fits of degree {max_degree} need {} MiB of memory, but the budget is {} MiB", .needed.div_ceil(1 << 20), .budget >> 20)]
     Memory {
         /// The degree of the fits, L.
         max_degree: usize,

@@ -35,8 +35,8 @@ const CELLS_AT: usize = NAMES_AT + 4;
 const ROWS_AT: usize = CELLS_AT + 4;
 const COUNT_AT: usize = ROWS_AT + 8;
 const WEIGHT_AT: usize = COUNT_AT + 8;
-/// Offset of the sampling scheme's key, from version 2 on; the key is zero if there is no scheme. In version 1, the
-/// reserved bytes start here.
+/// Offset of the sampling scheme's key, in files from version 2 on; the key is zero if there is no scheme. In version
+/// 1, the reserved bytes start here.
 const SCHEME_AT: usize = WEIGHT_AT + 8;
 const RESERVED_AT: usize = SCHEME_AT + 32;
 const HEADER_LEN: usize = 160;
@@ -246,7 +246,7 @@ fn read_header(input: &mut dyn Read, length: u64, path: &Path) -> Result<Vec<u8>
     }
     let (fields, hash) = header.split_at(header.len() - HASH);
     if blake3::hash(fields).as_bytes() != hash {
-        return Err(corrupt(path, "header", &"bytes that match the stored hash", &"other bytes"));
+        return Err(corrupt(path, "hash of the header", &"the stored hash", &"a different hash"));
     }
     Ok(header)
 }
@@ -301,7 +301,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     let (content, hash) = body.split_at(body.len() - HASH);
     let mut hasher = blake3::Hasher::new();
     if hasher.update(&header).update(content).finalize().as_bytes() != hash {
-        return Err(corrupt("contents", &"bytes that match the stored hash", &"other bytes"));
+        return Err(corrupt("hash of the file", &"the stored hash", &"a different hash"));
     }
     let (numbers, rest) = content.split_at(8 * sizes.numbers());
     let (sources, rest) = rest.split_at(SOURCE * sizes.sources);

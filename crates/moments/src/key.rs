@@ -1,4 +1,5 @@
-//! Identifies tables by a key, a hash of the request and of the files; see "Keys" in `docs/moments-format.md`.
+//! Computes the key that identifies tables: a hash of the request and of the files; see "Keys" in
+//! `docs/moments-format.md`.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -14,7 +15,7 @@ const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
 /// Number of bytes at the beginning of a file, and also at its end, that are hashed into the key.
 const END: u64 = 1 << 16;
 
-/// Hasher that computes the key of the input.
+/// Hasher that computes the key of a request and its tables.
 pub(crate) struct Key(blake3::Hasher);
 
 impl Key {

@@ -1,12 +1,13 @@
-//! Computes moments of samples. Least-squares fits need only the moments, not the samples. Moments of parts of the data
-//! can be stored in files and added, so the samples need not fit in memory or on one machine.
+//! Computes moments of samples. Least-squares fits need only these moments, not the samples. Moments of parts of the
+//! data can be stored in files and added, so the samples need not fit in memory or on one machine.
 //!
 //! A least-squares fit of degree L of samples f at directions x with weights w depends on these data only through four
 //! quantities: the moments of the weights to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2`, and
-//! the number of samples. All four are sums over the samples, so they can be computed in one pass over the data, for
-//! parts of the data, and on different machines. [`accumulate()`] reads tables in chunks, [`Moments::write`] stores the
-//! result, and [`merge()`] adds parts and rejects parts that don't belong together. `docs/moments-format.md` specifies
-//! the bytes of a file.
+//! the number of samples. Here, A is the matrix of the harmonics' values at the directions, and W the diagonal matrix
+//! of the weights. All four are sums over the samples, so they can be computed in one pass over the data, for parts of
+//! the data, and on different machines. [`accumulate()`] reads tables in chunks, [`Moments::write`] stores the result,
+//! and [`merge()`] adds parts and rejects parts that don't belong together. `docs/moments-format.md` specifies the
+//! bytes of a file.
 //!
 //! # Modules
 //!

@@ -6,8 +6,8 @@ use crate::accumulate::Warning;
 use crate::moments::{Moments, Shard, Source};
 use crate::{MomentsError, Source as PartSource};
 
-/// Adds the moments of several parts. Except for rounding, the result doesn't depend on the order of the parts. If
-/// `partial` is set, shards may be missing.
+/// Adds the moments of several parts of the samples. Except for rounding, the result doesn't depend on the order of the
+/// parts. If `partial` is set, shards may be missing.
 ///
 /// If all parts have the same sampling scheme, the sum has the key of that scheme. If the parts have different schemes,
 /// or any part has no scheme, the sum has no scheme.
@@ -53,7 +53,7 @@ pub fn merge_named(
     Ok(all)
 }
 
-/// Returns a warning for each part whose sums equal the sums of an earlier part. `hashes` contains the result of
+/// Returns a warning for each part whose sums equal the sums of an earlier part. `hashes` has the result of
 /// [`Moments::sums_hash`] for each part.
 pub fn equal_sums(hashes: &[Option<[u8; 32]>], names: &[String]) -> Vec<Warning> {
     let known = |(number, hash): (usize, &Option<[u8; 32]>)| {
@@ -93,8 +93,8 @@ fn add(all: &mut Moments, part: Moments) {
     all.weight += part.weight;
 }
 
-/// Returns the sources of all parts. The shards of each complete source are replaced by one entry for the entire
-/// source.
+/// Returns the sources of all parts. If all shards of a source are present, they are replaced by one entry for the
+/// entire source.
 fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
     let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
     for (source, part) in held {
@@ -131,8 +131,8 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     })
 }
 
-/// Finds two parts whose adjacent shards have different keys. Returns `None` unless the numbers of all shards fit
-/// together, so that the shards would form one complete source if their keys were equal.
+/// Finds two adjacent shards with different keys, and returns their parts. Returns `None` unless the numbers of all
+/// shards fit together, so that the shards would form one complete source if their keys were equal.
 fn of_versions(mut shards: Vec<(Source, usize)>) -> Option<[usize; 2]> {
     shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
     let mut reached = Fraction { above: 0, below: 1 };

@@ -37,8 +37,8 @@ impl Shard {
 /// Record of the samples from which moments were computed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Hash that identifies the input: the names of its columns or its sampling scheme, and the name, size, first and
-    /// last bytes of each file.
+    /// Hash that identifies the input: the names of its columns or its sampling scheme, and each file's name, size, and
+    /// first and last bytes.
     pub key: [u8; 32],
     /// The part of the input that was read.
     pub shard: Shard,
@@ -58,17 +58,17 @@ pub struct Moments {
     pub rows: u64,
     /// The cells of the sphere that contain samples of nonzero weight.
     pub occupied: Occupied,
-    /// Key, for scalar type f64, of the sampling scheme that gives the directions of the samples. `None` if the table
-    /// has columns for the positions.
+    /// Key of the sampling scheme that gives the samples' directions, for scalar type f64. `None` if the table has
+    /// columns for the positions.
     pub scheme: Option<SchemeKey>,
     /// Records of the samples from which the moments were computed, sorted by key and shard.
     pub sources: Vec<Source>,
 }
 
 impl Moments {
-    /// Returns the name of the first channel whose sum of squares is unusable. Such a sum is outside the range of f64,
-    /// or so small that it lacks full precision even though the channel has nonzero values. The error of a fit couldn't
-    /// be computed from such a sum. Returns `of the weights` if the sums of the weights are unusable.
+    /// Returns the name of the first channel whose sum of squares can't be used to compute the error of a fit: the sum
+    /// is outside the range of f64, or so small that it lacks full precision even though the channel has nonzero
+    /// values. Returns `of the weights` if the sums of the weights can't be used.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());

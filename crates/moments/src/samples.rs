@@ -1,4 +1,5 @@
-//! Reads tables of samples in chunks: selects the columns for positions, weights and values, and checks their ranges.
+//! Reads tables of samples in chunks: selects the columns for positions, weights and values, and checks that the values
+//! are in their ranges.
 
 #[cfg(feature = "tables")]
 mod arrow;
@@ -105,11 +106,11 @@ pub(crate) struct Chunk {
     pub(crate) directions: Vec<[f64; 3]>,
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) values: Array2<f64>,
-    /// Largest absolute values of longitude and latitude, in degrees.
+    /// Largest absolute longitude and largest absolute latitude, in degrees.
     pub(crate) largest: [f64; 2],
 }
 
-/// An invalid row, counted from 0 within its chunk.
+/// An invalid row, given by its index within its chunk, from 0.
 #[derive(Debug)]
 pub(crate) struct BadRow {
     pub(crate) row: usize,
@@ -119,8 +120,8 @@ pub(crate) struct BadRow {
 }
 
 impl Columns {
-    /// Determines which columns of a table to read. Returns the plan, and the indices of the columns in the order of
-    /// the values in a row.
+    /// Determines which columns of a table to read. Returns the plan, and the indices of these columns in the order in
+    /// which their values appear in a row.
     pub(crate) fn plan(&self, path: &std::path::Path, there: &[String]) -> Result<(Plan, Vec<usize>), MomentsError> {
         let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
         let positions = match &self.positions {
@@ -193,7 +194,7 @@ impl Plan {
         values.resize(n * channels, 0.0);
         let mut weights = chunk.weights.take().unwrap_or_default();
         weights.resize(if self.weight.is_some() { n } else { 0 }, 0.0);
-        // Without weights, each piece of samples is paired with an empty piece of weights.
+        // If the samples have no weights, each piece of samples is paired with an empty piece of weights.
         let piece_of_weights = if self.weight.is_some() { PIECE } else { 0 };
         let mut rest = &mut weights[..];
         let mut weight_pieces = Vec::new();

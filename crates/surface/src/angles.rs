@@ -18,8 +18,8 @@ enum Angle {
     Azimuth,
 }
 
-/// Accepted names of columns, in lower case. For each name: the angle, and whether the unit is degrees if the name has
-/// no suffix `_deg` or `_rad`.
+/// Accepted column names, in lower case. With each name: the kind of angle it denotes, and whether the angle is in
+/// degrees if neither `_deg` nor `_rad` is appended to the name.
 const NAMES: [(&str, Angle, bool); 9] = [
     ("theta", Angle::Colatitude, false),
     ("colatitude", Angle::Colatitude, false),
@@ -40,7 +40,8 @@ struct Column {
     name: String,
     angle: Angle,
     degrees: bool,
-    /// Whether the column's name has no unit suffix such as `_deg`, so that the default unit for the name applies.
+    /// Whether the column's name has no suffix for the unit (such as `_deg`), so that the unit is the usual one for
+    /// this name.
     usual: bool,
 }
 
@@ -55,7 +56,8 @@ impl Column {
         Some(Self { at, name: name.to_owned(), angle, degrees, usual: given.is_none() })
     }
 
-    /// Returns the range of the angles in the column's unit, and its description. An azimuth has no limits.
+    /// Returns the valid range of the column's angles, in the column's unit, and a description of this range. Every
+    /// finite azimuth is valid.
     fn range(&self) -> ([f64; 2], &'static str) {
         match (self.angle, self.degrees) {
             (Angle::Colatitude, false) => ([0.0, PI], "from 0 to pi radians (measured from the pole)"),
@@ -75,8 +77,8 @@ impl Column {
     }
 }
 
-/// Finds the columns of the polar angle and of the azimuth by the names in a table's header. In a table without a
-/// header, the columns are colatitude and azimuth in radians.
+/// Finds the column with the polar angle and the column with the azimuth by the names in a table's header. In a table
+/// without a header, the columns are colatitude and azimuth in radians.
 fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
     let usual = ["theta".to_owned(), "phi".to_owned()];
     let names = if names.is_empty() { &usual[..] } else { names };
@@ -96,8 +98,8 @@ fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
 }
 
 /// Returns whether directions seem to be in radians, given their number and the largest magnitudes of their latitudes
-/// and longitudes. Returns `false` for fewer than 10 directions, because all of them may be given in degrees and lie
-/// within a few degrees of each other.
+/// and longitudes. Returns `false` for fewer than 10 directions, because so few directions may well be in degrees and
+/// all lie within a few degrees of latitude 0 and longitude 0.
 #[must_use]
 pub fn look_like_radians(count: usize, latitude: f64, longitude: f64) -> bool {
     count >= 10 && latitude <= FRAC_PI_2 && longitude > 0.0 && longitude <= TAU
@@ -124,8 +126,8 @@ fn check_unit(path: &Path, columns: [&Column; 2], rows: &[[f64; 2]]) -> Result<(
     })
 }
 
-/// Reads directions from a table of two columns. The names in the header determine which column is which. Without a
-/// header, the columns are colatitude and azimuth in radians.
+/// Reads directions from a table with two columns of angles. The names in the header determine which column is which.
+/// Without a header, the columns are colatitude and azimuth in radians.
 pub(crate) fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
     let (input, facts) = read_columns(path)?;
     let signal = signal_of(path, input)?;

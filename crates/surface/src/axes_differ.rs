@@ -2,10 +2,10 @@
 
 use crate::io::landmarks::Frame;
 
-/// Largest number of members that a message names for each kind of axes.
+/// Largest number of members that the warning names for LPS, and for RAS.
 const NAMED: usize = 8;
 
-/// Warning that the files of a group's surfaces state different axes.
+/// A warning that the files of a group of surfaces state different axes: some LPS, others RAS.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AxesDiffer {
     /// Indices of the members whose files state LPS, counted from 0; at least one.

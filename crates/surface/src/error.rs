@@ -19,16 +19,16 @@ pub enum SurfaceError {
         path: PathBuf,
         /// The action that failed, as a verb: "open", "write".
         action: &'static str,
-        /// The system's error.
+        /// The operating system's error.
         cause: io::Error,
     },
 
     /// The path is a directory, FIFO or device instead of a regular file.
     #[error("{}: expected a regular file, found {found}: give a file's path", path.display())]
     NotAFile {
-        /// The path.
+        /// The path that isn't a regular file.
         path: PathBuf,
-        /// What the path refers to, such as "a directory".
+        /// What exists at the path instead, such as "a directory".
         found: &'static str,
     },
 
@@ -46,7 +46,7 @@ pub enum SurfaceError {
         path: PathBuf,
         /// The supported names and formats.
         expected: String,
-        /// The first bytes, or the extension.
+        /// The file's first bytes, or the extension of its name.
         found: String,
     },
 
@@ -212,7 +212,7 @@ pub enum SurfaceError {
         /// Index, counted from 0, of the first vertex with a number that is too large. If all numbers are too small,
         /// index of the vertex with the largest number.
         vertex: usize,
-        /// The number.
+        /// The number that can't be represented.
         value: f64,
         /// The option or format with which the number can be written.
         remedy: &'static str,
@@ -221,9 +221,9 @@ pub enum SurfaceError {
     /// Two arrays that belong together have different lengths.
     #[error("number of {what}: expected {expected}, found {found}; all data must belong to the same surface")]
     LengthMismatch {
-        /// Description of the counted elements.
+        /// Description of the elements, such as "vertices".
         what: &'static str,
-        /// Number of elements that the other array requires.
+        /// Number of elements that the array needs to match the other array.
         expected: usize,
         /// Number of elements found.
         found: usize,
@@ -278,7 +278,7 @@ pub enum SurfaceError {
     NoDirection {
         /// Path of the sphere's file.
         path: PathBuf,
-        /// The vertex and the reason why it has no direction.
+        /// A message that names the vertex and states why it has no direction.
         cause: HarmonicsError,
     },
 
@@ -300,9 +300,9 @@ pub enum SurfaceError {
         row: usize,
         /// Name of the column.
         column: String,
-        /// The range, with its unit.
+        /// Description of the valid range, with its unit.
         expected: &'static str,
-        /// The angle, in the unit of the column.
+        /// The angle found, in the column's unit.
         found: f64,
     },
 

@@ -24,14 +24,14 @@ pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
-/// Returns the inner product.
+/// Returns the inner product of a and b.
 #[must_use]
 #[inline]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// Returns the vector product.
+/// Returns the cross product a x b.
 #[must_use]
 #[inline]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
@@ -68,8 +68,8 @@ pub fn vertex_normals(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
     normals
 }
 
-/// Returns the smallest and the largest coordinate along each axis. If there are no points, the smallest coordinates
-/// are +infinity and the largest are -infinity.
+/// Returns the smallest and the largest coordinate of the points along each axis. If there are no points, the smallest
+/// coordinates are +infinity and the largest are -infinity.
 #[must_use]
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     let mut low = [f64::INFINITY; 3];
@@ -161,8 +161,8 @@ mod tests {
         assert_eq!(orientation([a, b, add(a, b)]), 0.0);
     }
 
-    /// Returns coordinates as multiples of 2^-55, which is exact for numbers from 1/8 to 1. Determinants of small
-    /// triangles then fit into 128 bits.
+    /// Returns the coordinates as whole multiples of 2^-55, which is exact for numbers from 1/8 to 1. The determinants
+    /// of small triangles in these units fit into 128 bits.
     fn integers(v: Vec3) -> [i128; 3] {
         v.map(|x| {
             let scaled = x * 2.0_f64.powi(55);
@@ -184,8 +184,8 @@ mod tests {
             let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
             let determinant = p[0] * normal[0] + p[1] * normal[1] + p[2] * normal[2];
             let exact = 0.5 * determinant as f64 * 2.0_f64.powi(-3 * 55);
-            // Slivers have a larger relative error, since the rounding error is proportional to the product of the
-            // edges' lengths.
+            // For slivers, the relative error is larger, since the rounding error is proportional to the product of the
+            // edges' lengths rather than to the area.
             let edges = (dot(sub(b, a), sub(b, a)) * dot(sub(c, a), sub(c, a))).sqrt();
             let found = solid_angle([a, b, c]);
             assert!((found - exact).abs() < 1e-12 * exact.abs().max(1e-3 * edges), "{found} {exact}");

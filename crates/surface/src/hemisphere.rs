@@ -42,8 +42,8 @@ impl Hemisphere {
         }
     }
 
-    /// Returns the anatomical structure of a mirror image: `CortexLeft` for `CortexRight`. Structures without a side,
-    /// such as `Cortex`, don't change.
+    /// Returns the name of an anatomical structure after mirroring: `CortexLeft` for `CortexRight`. The names of
+    /// structures without a side, such as `Cortex`, don't change.
     #[must_use]
     pub fn mirrored_structure(structure: &str) -> String {
         match (structure.strip_suffix("Left"), structure.strip_suffix("Right")) {
@@ -72,7 +72,8 @@ impl Hemisphere {
 
     fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
-        // The hemisphere is a part of the name. FreeSurfer separates parts by `.`, BIDS by `_`.
+        // The hemisphere is one of the parts of the file's name, which are separated by `.` in FreeSurfer and by `_` in
+        // BIDS.
         name.split(['_', '.']).find_map(|part| match part {
             "lh" | "hemi-L" => Some(Self::Left),
             "rh" | "hemi-R" => Some(Self::Right),

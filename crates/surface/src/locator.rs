@@ -1,8 +1,8 @@
 //! Finds the triangle of a sphere that a direction meets, and interpolates values within the triangle.
 //!
 //! A surface over its sphere is a function on the sphere that is known at the sphere's vertices. [`SphereLocator`]
-//! evaluates the function everywhere. It finds the triangle with corners a, b, c that the ray along a direction d
-//! meets, and the weights of the point of intersection,
+//! evaluates the function in every direction. It finds the triangle with corners a, b, c that the ray along a direction
+//! d meets, and the weights w_a, w_b, w_c of the corners at the point of intersection,
 //!
 //! > w_a : w_b : w_c = det(d, b, c) : det(a, d, c) : det(a, b, d),  w_a + w_b + w_c = 1,
 //!
@@ -41,7 +41,8 @@ use crate::geometry::{Vec3, bounds, cross, dot, orientation, sub};
 use crate::mesh::Mesh;
 use crate::sliver_tree::{SliverTree, is_of_slivers};
 
-/// A direction is treated as covered if its distance from the nearest triangle, in radians, is at most this value.
+/// A direction that meets no triangle is treated as covered if its distance from the nearest triangle, in radians, is
+/// at most this value.
 pub const TOLERANCE: f64 = 1e-9;
 
 /// The point where a direction meets a sphere's triangles.
@@ -90,7 +91,7 @@ impl SphereLocator {
         let directions = Directions::from_vertices(&sphere.vertices).map_err(|error| wrong(error.to_string()))?;
         let vertices = directions.len();
         if sphere.faces.is_empty() {
-            return Err(wrong("no triangle".to_owned()));
+            return Err(wrong("no triangles".to_owned()));
         }
         if let Some(face) = sphere.faces.iter().position(|f| f.iter().any(|&v| v as usize >= vertices)) {
             return Err(wrong(format!(
@@ -174,7 +175,8 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Interpolates the values (n, c) at the sphere's n vertices to m unit vectors. Returns an array (m, c).
+    /// Interpolates values at the sphere's vertices, an (n, c) array with c values for each of the n vertices, to m
+    /// unit vectors. Returns an (m, c) array.
     ///
     /// # Errors
     ///
@@ -205,7 +207,8 @@ impl SphereLocator {
         Ok(result)
     }
 
-    /// Visits all triangles that a direction meets or that are within `slack` of it, and possibly others.
+    /// Calls `visit` for all triangles that a direction meets or that are within `slack` of it, and possibly for
+    /// others.
     fn each_near(&self, direction: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
         match &self.tree {
             Tree::Boxes(tree) => {
@@ -218,7 +221,7 @@ impl SphereLocator {
         }
     }
 
-    /// Returns the triangle nearest to a direction outside of all triangles; `None` if it is farther than
+    /// Returns the triangle nearest to a direction that meets no triangle; `None` if this triangle is farther away than
     /// [`TOLERANCE`].
     fn nearest(&self, direction: Vec3) -> Option<u32> {
         let outside = |t: u32| {
@@ -251,7 +254,8 @@ fn contains(corners: &[Vec3; 3], d: Vec3) -> bool {
         && orientation(*corners) > 0.0
 }
 
-/// Returns the weights of the point where d meets the plane of a triangle; `None` for a triangle without area.
+/// Returns the weights of a triangle's corners at the point where the ray along d meets the triangle's plane; `None`
+/// for a triangle without area.
 fn weights([a, b, c]: &[Vec3; 3], d: Vec3) -> Option<[f64; 3]> {
     let [a, b, c] = [a, b, c].map(|&corner| sub(corner, d));
     // Computed relative to d, the determinants are exactly 0 if d is a corner, and keep their digits in small

@@ -2,9 +2,9 @@
 
 /// A triangle mesh.
 ///
-/// This crate keeps the order of the vertices, which the subjects of a study share, and the winding of the triangles.
-/// The exceptions are repairs, reflections, and formats that store a vertex several times. By convention, triangles are
-/// counter-clockwise seen from outside.
+/// This crate keeps the triangles' winding and the order of the vertices, since corresponding vertices of a study's
+/// subjects have the same index. The exceptions are repairs, reflections, and formats that store a vertex several
+/// times. By convention, triangles are counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Positions, in the file's unit and axes: mm and RAS+ for brains.
@@ -40,7 +40,7 @@ impl Mesh {
     }
 }
 
-/// Metadata of a mesh's file. They are kept when the mesh is read and written again.
+/// Metadata of a mesh's file, which are kept when the mesh is read and written again.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`. Workbench requires this entry.
@@ -63,9 +63,9 @@ pub struct Meta {
 /// GIfTI's `CoordinateSystemTransformMatrix`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CoordinateSystem {
-    /// The space of the positions as stored.
+    /// Name of the coordinate space of the positions as stored.
     pub data_space: String,
-    /// The space of the positions after the transform by `matrix`.
+    /// Name of the coordinate space of the positions after the transform by `matrix`.
     pub transformed_space: String,
     /// The transform from `data_space` to `transformed_space`: 4 x 4, row-major.
     pub matrix: [f64; 16],
@@ -74,7 +74,7 @@ pub struct CoordinateSystem {
 /// Values on the vertices of a mesh, such as thickness, curvature or a time series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
-    /// The values (vertices, channels), row-major.
+    /// The values as a row-major array of shape (vertices, channels).
     pub values: Vec<f64>,
     /// Number of vertices.
     pub vertices: usize,
@@ -83,7 +83,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns a signal with the given values (vertices, channels), row-major.
+    /// Returns a signal with the given values, a row-major array of shape (vertices, channels).
     ///
     /// # Panics
     ///

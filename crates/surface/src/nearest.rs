@@ -1,8 +1,8 @@
-//! Finds the nearest point of a triangle mesh.
+//! Finds the point of a triangle mesh that is nearest to a given point.
 //!
 //! A bounding-volume hierarchy over the triangles (parry3d's) is searched best first. The result is the exact minimum
-//! over all triangles, of which O(log n) are visited. For slivers the boxes are rotated to the triangles' orientation.
-//! Memory: about 160 bytes per triangle, 310 for slivers.
+//! over all triangles, although only O(log n) of them are visited. In meshes of slivers, each box is rotated to its
+//! triangle's orientation. Memory: about 160 bytes per triangle, 310 for slivers.
 
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector;
@@ -63,7 +63,7 @@ impl TriangleTree {
         Some(self.on_triangle(triangle, point))
     }
 
-    /// Returns the nearest triangle and its distance from `point`. The result is `None` in the same cases as for
+    /// Returns the nearest triangle and its distance from `point`, or `None` in the same cases as
     /// [`nearest`](Self::nearest). The search is fast if `near`, a triangle close to the nearest one, is given.
     ///
     /// # Panics
@@ -80,7 +80,7 @@ impl TriangleTree {
         better.or(known).map(|(triangle, square)| (triangle, square.sqrt()))
     }
 
-    /// Returns the nearest triangle and its squared distance; `None` if no squared distance is below `most`.
+    /// Returns the nearest triangle and its squared distance; `None` if every squared distance is at least `most`.
     fn search(&self, point: Vec3, most: f64) -> Option<(u32, f64)> {
         let p = Vector::from(point);
         if !p.is_finite() {

@@ -24,7 +24,7 @@ use std::io::{self, Read};
 
 /// First bytes of a `.npy` file.
 pub const MAGIC: &[u8] = b"\x93NUMPY";
-/// Largest number of bytes of a header. NumPy's own limit is 10,000 characters.
+/// Largest length of a header, in bytes. NumPy's own limit is 10,000 characters.
 const LONGEST: usize = 1 << 16;
 /// Largest number of axes, which is NumPy's own limit.
 const MOST_AXES: usize = 64;
@@ -32,8 +32,9 @@ const MOST_AXES: usize = 64;
 /// The contents of an array's header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Header {
-    /// Kind of the values, in NumPy's notation: `f`, `i`, `u`, `c`, `b`, `U`; `M` and `m` for dates and
-    /// times; `V` for a structured array and for a field with a shape.
+    /// Kind of the values, in NumPy's notation: `f` for floating-point numbers, `i` and `u` for signed and unsigned
+    /// integers, `c` for complex numbers, `b` for Booleans, `U` for text, `M` and `m` for dates and times, `V` for a
+    /// structured array and for a field with a shape.
     pub kind: char,
     /// Number of bytes per value.
     pub size: usize,
@@ -43,7 +44,7 @@ pub struct Header {
     pub fortran: bool,
     /// Lengths of the axes.
     pub shape: Vec<usize>,
-    /// Fields of a value of a structured array, in order; empty for a plain array.
+    /// For a structured array, the fields of each value, in order; empty for a plain array.
     pub fields: Vec<Field>,
     /// Position of the first value in the file, in bytes.
     pub start: u64,
@@ -130,8 +131,8 @@ impl Type {
         };
         let digits = Some(digits).filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()))?;
         let size: usize = digits.parse().ok()?;
-        // A character of a string has four bytes. Strings may be empty. Other values of size 0 are rejected, since a
-        // file without bytes could claim any number of them.
+        // In NumPy's strings, each character has four bytes. Strings may be empty. Other values of size 0 are rejected,
+        // since a file without bytes could claim any number of them.
         let size = if kind == 'U' { size.checked_mul(4)? } else { Some(size).filter(|&size| size > 0)? };
         let little = if order == '=' { cfg!(target_endian = "little") } else { order != '>' };
         Some(Self { kind, size, little })
@@ -170,7 +171,7 @@ impl<'a> Parser<'a> {
         }
         self.blanks();
         if !self.rest.is_empty() {
-            return Err(self.expected("nothing after the dictionary"));
+            return Err(self.expected("the end of the header"));
         }
         let (Some((own, fields)), Some(fortran), Some(shape)) = (types, fortran, shape) else {
             return Err("expected the keys descr, fortran_order and shape, found fewer".to_owned());
@@ -308,8 +309,8 @@ mod tests {
             expected
         );
         assert_eq!((header.count(), header.bytes()), (Some(6), Some(24)));
-        // These headers have keys in another order, both kinds of quotation marks, a length as written by Python 2,
-        // and an array without axes.
+        // The first header has its keys in another order, both kinds of quotation marks, and a length as written by
+        // Python 2. The second header is that of an array without axes.
         let header = read("{\"shape\": (7L,), 'fortran_order':False,'descr':'|u1'}").unwrap();
         assert_eq!((header.kind, header.shape, header.little), ('u', vec![7], true));
         assert_eq!(read("{'descr': '<U3', 'fortran_order': False, 'shape': (), }\n").unwrap().bytes(), Some(12));

@@ -15,8 +15,8 @@ pub struct Place {
 }
 
 impl Place {
-    /// Returns the places on a mesh that are nearest to the given points. `None` if a point isn't finite or the mesh
-    /// has no triangles.
+    /// Returns, for each of the given points, the place on a mesh that is nearest to it. Returns `None` if any point
+    /// isn't finite or the mesh has no triangles.
     #[must_use]
     pub fn nearest(mesh: &Mesh, points: &[Vec3]) -> Option<Vec<Self>> {
         let tree = TriangleTree::new(mesh);
@@ -27,7 +27,7 @@ impl Place {
         points.iter().map(of).collect()
     }
 
-    /// Returns the position of the place on a mesh with the given vertices.
+    /// Returns the position of the place on a mesh whose vertices have the given positions.
     #[must_use]
     pub fn of(&self, vertices: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.corners.map(|v| vertices[v as usize]);
@@ -40,8 +40,7 @@ impl Place {
         self.corners.iter().all(|v| (*v as usize) < vertices)
     }
 
-    /// Returns the weighted sum of the rows that belong to the corners. `rows` is a matrix (vertices, width),
-    /// row-major.
+    /// Returns the weighted mean of the corners' rows in `rows`, a row-major matrix of shape (vertices, width).
     #[must_use]
     pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let own = |k: usize| {
@@ -51,7 +50,7 @@ impl Place {
     }
 
     /// Returns the row of the corner with the largest weight, or of the first such corner in case of ties. Unlike
-    /// [`row`](Self::row), this function doesn't average, so it is suitable for labels.
+    /// [`row`](Self::row), this function doesn't average, so it is suitable for labels, whose mean has no meaning.
     #[must_use]
     pub fn largest_row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let largest = (1..3).fold(0, |best, k| if self.shares[k] > self.shares[best] { k } else { best });

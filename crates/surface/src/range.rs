@@ -14,8 +14,8 @@ use crate::mesh::Mesh;
 /// millions of vertices then stays below 2^90, and transforms can multiply it by 2^930 without overflow.
 const SAFE: i32 = 30;
 
-/// Largest exponent of a power of two by which [`times`] multiplies in one step. f64 can represent exponents up to
-/// 1023.
+/// Largest exponent of a power of two by which [`times`] multiplies in one step. The largest exponent that f64 can
+/// represent is 1023.
 const STEP: i32 = 1000;
 
 /// Returns the exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. e is even, so
@@ -26,8 +26,8 @@ pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
     even_exponent(values).map_or(0, unless_ordinary)
 }
 
-/// Returns the exponent of the power of two by which to divide numbers whose [`even_exponent`] is `exponent`: 0 if the
-/// numbers are of ordinary size, else `exponent`.
+/// Returns the exponent of the power of two by which to divide numbers whose [`even_exponent`] is `exponent`. This is 0
+/// if the numbers are of ordinary size, else `exponent`.
 #[must_use]
 pub fn unless_ordinary(exponent: i32) -> i32 {
     if (-SAFE..=SAFE).contains(&exponent) { 0 } else { exponent }

@@ -1,4 +1,4 @@
-//! Checks that the free memory suffices for a file's contents, before the memory is allocated.
+//! Checks, before memory is allocated for a file's contents, that enough memory is free.
 //!
 //! A file states the size of its contents, and the contents of a compressed file can be a thousand times as large as
 //! the file. Before readers allocate memory, and again during decoding, they compare the size of the contents with two
@@ -36,15 +36,15 @@ pub fn check_room(needed: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Returns the largest plausible size of the contents of a file with `compressed` bytes. Text, and the numbers in
-/// surface files, can be compressed two- to tenfold. Constant values can be compressed up to a thousandfold, but files
-/// contain few constant values.
+/// Returns the largest plausible size of the contents of a compressed file of `compressed` bytes. Text, and the numbers
+/// in surface files, are compressed by a factor of two to ten. Constant values can be compressed up to a thousandfold,
+/// but files contain few constant values.
 #[must_use]
 pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
 }
 
-/// The error for insufficient memory. Its message gives the memory needed and the memory free, worded as the end of a
+/// The error for insufficient memory. Its message states the memory needed and the memory free, worded as the end of a
 /// sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoRoom {
@@ -94,8 +94,8 @@ mod tests {
         assert_eq!(room.to_string(), "2.5 GiB of memory, but only 1.5 MiB are free");
     }
 
-    /// If no function for free memory is set, every amount of memory is accepted, but the size of decompressed data is
-    /// still bounded.
+    /// If no function for the free memory is set, every amount of memory is accepted, but the size of decompressed data
+    /// is still limited.
     #[test]
     fn expansion_is_bounded() {
         assert_eq!(check_room(u64::MAX), Ok(()));

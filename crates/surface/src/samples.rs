@@ -1,9 +1,10 @@
-//! Samples a sphere's triangles densely, for least squares over a whole surface rather than only over its vertices.
+//! Samples a sphere's triangles densely, so that least-squares fits cover a whole surface and not only its vertices.
 //!
-//! A mesh over a sphere is a function on the sphere. The function maps each triangle of the sphere (projected from the
-//! centre) linearly to a triangle of the surface. To fit a model of degree L, integrals over the sphere are needed.
-//! These integrals are computed as sums over samples that are no farther apart than the model's resolution, pi / L.
-//! Each sample is weighted by its solid angle:
+//! A mesh over a sphere defines a function on the sphere. The function maps each triangle of the sphere (projected from
+//! the centre) linearly to a triangle of the surface. To fit a model of degree L, integrals of functions f over the
+//! sphere are needed. These integrals are computed as sums over samples u_ti, where t is the triangle and i the sample
+//! within it. The samples are no farther apart than the model's resolution, pi / L. Each sample is weighted by its
+//! solid angle w_ti:
 //!
 //! ```text
 //! integral f(u) du  =  sum_t sum_i  w_ti f(u_ti),   u = p / |p|,   w = share det(a, b, c) / (2 |p|^3)
@@ -38,7 +39,7 @@ use self::cut::Cut;
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, cross, dot, scale};
 
-/// Size of the cells, in radians, times the degree L of the models. docs/algorithms/least-squares.md gives the
+/// Size of the cells, in radians, multiplied by the degree L of the models. docs/algorithms/least-squares.md gives the
 /// resulting error.
 const CELLS_OF_DEGREE: f64 = 3.0;
 
@@ -50,14 +51,14 @@ const RUN: usize = 1024;
 #[derive(Debug, Clone)]
 pub struct SphereSampling {
     cuts: Vec<Cut>,
-    /// Number of samples before each triangle, followed by the total number of samples.
+    /// For each triangle, the number of samples in all triangles before it; then the total number of samples.
     first: Vec<usize>,
 }
 
 /// Samples of a range of a sphere's triangles.
 #[derive(Debug, Clone)]
 pub struct SphereSamples {
-    /// Directions of the samples (samples, 3).
+    /// Directions of the samples, an array of shape (samples, 3).
     pub directions: Directions,
     /// Solid angle of each sample, in steradians. If the triangles cover the sphere once, all solid angles sum to 4
     /// pi, up to the error of the rule.
@@ -114,7 +115,7 @@ impl SphereSampling {
         self.first[triangles.end] - self.first[triangles.start]
     }
 
-    /// Returns the range of samples of each triangle, in the order of the triangles.
+    /// Returns, for each triangle in order, the range of its samples' indices.
     pub fn of_triangles(&self) -> impl Iterator<Item = Range<usize>> {
         self.first.windows(2).map(|pair| pair[0]..pair[1])
     }
@@ -165,8 +166,8 @@ impl SphereSampling {
         Ok(SphereSamples { directions, weights })
     }
 
-    /// Interpolates the values (n, c) at the vertices linearly to the samples of a range of triangles. Returns an array
-    /// (samples, c).
+    /// Interpolates values at the vertices, an (n, c) array with c values for each of the n vertices, linearly to the
+    /// samples of a range of triangles. Returns an array of shape (samples, c).
     ///
     /// # Panics
     ///
@@ -178,8 +179,8 @@ impl SphereSampling {
         samples
     }
 
-    /// Interpolates like [`interpolate`](Self::interpolate), but writes the values to the array `samples` (samples, c),
-    /// which may be some columns of a larger array.
+    /// Interpolates like [`interpolate`](Self::interpolate), but writes the values to `samples`, an array of shape
+    /// (samples, c) that may consist of some columns of a larger array.
     ///
     /// # Panics
     ///
@@ -219,7 +220,8 @@ impl SphereSampling {
         (corners, shares)
     }
 
-    /// Divides a range of triangles into parallel tasks, each with the rows of an array that belong to its samples.
+    /// Divides a range of triangles into parts for parallel tasks. Each part gets those rows of an array that belong to
+    /// its samples.
     fn parts<'a, T, D: Dimension>(
         &'a self,
         triangles: Range<usize>,
@@ -256,7 +258,7 @@ mod tests {
         }
     }
 
-    /// Computing the samples of ranges one after another gives the same samples as computing all at once.
+    /// Computing the samples range by range gives the same samples as computing all of them at once.
     #[test]
     fn samples_dont_depend_on_the_runs() {
         let sphere = Sphere::from_mesh(&icosphere(2)).unwrap();

@@ -18,9 +18,9 @@ const COPIES: &str = "SpharmSeam";
 /// The data that relate a cut surface to the original surface.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Seam {
-    /// Number of vertices of the original surface, n.
+    /// Number n of vertices of the original surface.
     pub vertices: usize,
-    /// Number of triangles of the original surface, F.
+    /// Number F of triangles of the original surface.
     pub faces: usize,
     /// Vertex n + i of the cut surface is a copy of the original's vertex `copies[i]`. The vertices after the copies
     /// belong to fillings.
@@ -32,7 +32,7 @@ pub struct Seam {
 pub struct Welded {
     /// The surface, with the vertices and triangles of the original.
     pub mesh: Mesh,
-    /// Largest distance between the positions of the same original vertex in the cut surface, in the surface's unit.
+    /// Largest distance between two positions that the cut surface has for one original vertex, in the surface's unit.
     pub gap: f64,
 }
 

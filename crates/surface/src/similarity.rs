@@ -10,7 +10,7 @@ use crate::mesh::Mesh;
 /// A similarity transform of space: `x -> scale Q x + translation`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Similarity {
-    /// Q, by rows: a rotation, or a reflection if one was requested.
+    /// The matrix Q, stored by rows: a rotation, or a reflection if one was requested.
     pub orthogonal: Matrix3,
     /// Scale factor, above zero.
     pub scale: f64,
@@ -70,18 +70,18 @@ impl Similarity {
         }
     }
 
-    /// Returns this similarity with another scale factor. The translation is changed such that the image of `centre`
-    /// stays the same.
+    /// Returns this similarity with a different scale factor. The translation is adjusted such that `centre` is still
+    /// mapped to the same point.
     #[must_use]
     pub fn with_scale(&self, factor: f64, centre: Vec3) -> Self {
         let translation = sub(self.apply(centre), scale(times(&self.orthogonal, centre), factor));
         Self { scale: factor, translation, ..*self }
     }
 
-    /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
-    /// face outwards, and exchanges left and right in the anatomical structure. Unless the similarity is the identity,
-    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid. A rotation or
-    /// reflection also drops the axes that the file states.
+    /// Returns a mesh to which the similarity has been applied. A reflection also reverses the triangles' winding, so
+    /// that they still face outwards, and exchanges left and right in the anatomical structure. Unless the similarity
+    /// is the identity, metadata about the mesh's position in a volume are dropped, since they are no longer valid. A
+    /// rotation or reflection also drops the axes that the file states.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());

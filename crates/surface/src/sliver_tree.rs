@@ -1,10 +1,10 @@
-//! Finds nearest points, and triangles along a segment, in a mesh of slivers.
+//! Finds the nearest triangle to a point, and the triangles along a segment, in a mesh of slivers.
 //!
 //! Axis-aligned boxes of long thin triangles are about as large in all directions as the triangles are long. If the
 //! triangles share a pole, nearly all their boxes overlap, so a search in a tree of such boxes visits a large part of
-//! all triangles. Boxes rotated to the orientation of their triangles are as thin as the triangles. In a fan of radius
-//! 1, a point at distance r from the pole lies in the boxes of 1 / r leaves. The average over the fan's area is two
-//! leaves, for any number of triangles.
+//! the triangles. Boxes rotated to the orientation of their triangles are as thin as the triangles. In a fan of radius
+//! 1, a point at distance r from the pole then lies in the boxes of 1 / r leaves. On average over the fan's area, this
+//! is two leaves, for any number of triangles.
 //!
 //! Each node has the box of its triangles in the frame (longest edge, normal) of one of the triangles, or the
 //! axis-aligned box if that is smaller (S. Gottschalk, M. Lin and D. Manocha, "OBBTree: a hierarchical structure for
@@ -41,7 +41,7 @@ struct Node {
 }
 
 impl Node {
-    /// Returns a lower bound of the squared distance from a point to the node's triangles.
+    /// Returns a lower bound on the squared distance from a point to the node's triangles.
     fn bound(&self, point: Vec3) -> f64 {
         let off = sub(point, self.centre);
         (0..3).map(|k| (dot(self.axes[k], off).abs() - self.half[k]).max(0.0).powi(2)).sum()
@@ -115,8 +115,8 @@ pub(crate) fn is_of_slivers(triangles: &[[Vec3; 3]]) -> bool {
     squares.is_finite() && squares > THIN * area
 }
 
-/// Returns a triangle's frame: the directions along its longest edge, across it, and of its normal. Returns the
-/// coordinate axes for a triangle without area.
+/// Returns a triangle's orthonormal frame: the direction of its longest edge, the direction perpendicular to that edge
+/// in the triangle's plane, and the normal. Returns the coordinate axes for a triangle without area.
 fn frame(triangle: [Vec3; 3]) -> [Vec3; 3] {
     let [a, b, c] = triangle;
     let (edge, normal) = (longest(triangle), cross(sub(b, a), sub(c, a)));
@@ -182,9 +182,9 @@ impl SliverTree {
         }
     }
 
-    /// Returns the triangle for which `distance` returns the smallest distance, together with the value that `distance`
-    /// returned for it; `None` if there are no triangles. `distance` must not return less than the distance from the
-    /// point to the triangle.
+    /// Returns the triangle for which `distance` returns the smallest distance, with the result of `distance` for this
+    /// triangle; `None` if there are no triangles. `distance` must not return less than the distance from the point to
+    /// the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
         // Nodes are visited in order of their bounds. In another order, the search for a point next to a fan of
@@ -259,7 +259,7 @@ mod tests {
         assert!(!is_of_slivers(&corners(&fan(50))) && !is_of_slivers(&corners(&icosphere(2))) && !is_of_slivers(&[]));
     }
 
-    /// Tests include triangles so thin that the computed normal isn't perpendicular to the longest edge.
+    /// The tests include triangles so thin that the computed normal isn't perpendicular to the longest edge.
     #[test]
     fn frames_are_orthonormal() {
         let mut turned = 0;
@@ -291,7 +291,7 @@ mod tests {
             let tree = SliverTree::new(&triangles);
             let (mut count, points) = (0_usize, 400_u32);
             for k in 0..points {
-                // The points tested are centroids of triangles and points off the surface.
+                // The points tested are centroids of triangles, and points at a distance from the surface.
                 let [a, b, c] = triangles[(k * 37 % (2 * sides)) as usize];
                 let t = f64::from(k);
                 let off = if k % 2 == 0 { 0.0 } else { 0.2 * t.sin() };

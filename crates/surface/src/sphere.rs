@@ -1,4 +1,4 @@
-//! Defines spheres, the sampling schemes over which surfaces are fitted, and checks them before any work starts.
+//! Defines [`Sphere`], the directions over which surfaces are fitted, and checks spheres before any work starts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::topology::Topology;
 pub struct Sphere {
     /// Path of the sphere's file, or `None` if the sphere was made in memory.
     pub path: Option<PathBuf>,
-    /// The directions as unit vectors (n, 3).
+    /// The n directions as unit vectors, an array of shape (n, 3).
     pub directions: Directions,
     /// Triangles over `directions`; empty if the directions were given without triangles.
     pub faces: Vec<[u32; 3]>,
@@ -39,7 +39,7 @@ pub struct Sphere {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum SphereWarning {
-    /// The largest and smallest distance of vertices from the origin differ by more than
+    /// The vertices' largest and smallest distance from the origin differ by more than the fraction
     /// [`RADIUS_SPREAD`](Self::RADIUS_SPREAD) of the largest. The mesh isn't a sphere, or isn't centred at the origin.
     RadiusSpread {
         /// Smallest distance, in the file's unit.
@@ -99,7 +99,7 @@ impl Sphere {
         Self { faces: mesh.faces, ..Self::from_directions(directions) }
     }
 
-    /// Returns a sphere of directions without triangles.
+    /// Returns a sphere that consists of directions only, without triangles.
     ///
     /// Areas, quadrature and reconstruction as a surface require triangles; see [`from_mesh`](Self::from_mesh).
     #[must_use]
@@ -116,7 +116,7 @@ impl Sphere {
         }
     }
 
-    /// Returns the sphere of a mesh that is centred at the origin and has any radius.
+    /// Returns the sphere of a mesh, which must be centred at the origin and can have any radius.
     ///
     /// # Errors
     ///
@@ -206,8 +206,8 @@ impl Sphere {
 
 /// Reads a sphere from a mesh or a table. A mesh may have any supported format and any radius, and must be centred at
 /// the origin. A table (`.csv`, `.tsv`, also gzipped) has one direction per row: colatitude and azimuth in radians. If
-/// the table has a header, its names determine the columns and units. `theta` or `colatitude` and `phi` or `azimuth`
-/// are in radians, `lat` and `lon` are in degrees, and the suffixes `_deg` and `_rad` specify other units.
+/// the table has a header, the names in it determine the columns and their units. `theta` or `colatitude` and `phi` or
+/// `azimuth` are in radians, `lat` and `lon` are in degrees, and the suffixes `_deg` and `_rad` specify other units.
 ///
 /// # Errors
 ///

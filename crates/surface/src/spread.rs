@@ -8,11 +8,11 @@ use crate::mesh::Mesh;
 pub struct SpreadPoints {
     /// Positions of the n points.
     pub points: Vec<Vec3>,
-    /// Unit normal of the triangle of each point.
+    /// For each point, the unit normal of its triangle.
     pub normals: Vec<Vec3>,
-    /// Index of the triangle of each point, counted from 0.
+    /// For each point, the index of its triangle, counted from 0.
     pub triangles: Vec<u32>,
-    /// Weights of the triangle's corners for each point, with sum 1.
+    /// For each point, the weights of its triangle's corners, with sum 1.
     pub barycentric: Vec<[f64; 3]>,
 }
 
@@ -87,9 +87,9 @@ fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 /// The reciprocals of the plastic number and of its square, which generate the sequence R2.
 const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
-/// Returns the position of a point along the cumulative area of the triangles, in units of the area that one point
-/// represents. The position within this area follows a golden-section sequence, because otherwise the points could
-/// always hit the same positions of a repeating pattern of triangles.
+/// Returns a point's position along the cumulative area of the triangles, in units of the area that one point
+/// represents. The position within the point's share of the area follows a golden-section sequence, because otherwise
+/// the points could always hit the same positions of a repeating pattern of triangles.
 fn place(index: usize, seed: usize) -> f64 {
     index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
 }

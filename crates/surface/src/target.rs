@@ -15,9 +15,10 @@ use crate::topology::{Topology, different_triangles, signed_volume, signed_volum
 pub struct Target {
     /// Path of the target's file, or `None` if the target was made in memory.
     pub path: Option<PathBuf>,
-    /// The positions or signal values (n, c), row-major. They are finite, except at vertices that a fit ignores.
+    /// The positions or signal values, a row-major array of shape (n, c). They are finite, except at vertices that a
+    /// fit ignores.
     pub values: Vec<f64>,
-    /// Number of channels, c; 3 for a surface.
+    /// Number c of channels; 3 for a surface.
     pub channels: usize,
     /// Whether the channels are coordinates x, y, z or other values.
     pub kind: Kind,
@@ -51,7 +52,7 @@ pub enum TargetWarning {
         /// The mask's hemisphere.
         of: Hemisphere,
     },
-    /// A column of a table contains row numbers and was left out. This is a note, see [`is_note`](Self::is_note).
+    /// A column of a table contains row numbers and was left out. This is a note; see [`is_note`](Self::is_note).
     IndexColumn {
         /// Name of the column.
         name: String,
@@ -200,7 +201,8 @@ impl Target {
         Ok(Self { path: path.map(Path::to_owned), ..target })
     }
 
-    /// Checks that the values are finite at all vertices, except the vertices for which `unread` (n) is true.
+    /// Checks that the values are finite at all n vertices, except those for which the array `unread` of length n is
+    /// true.
     ///
     /// # Errors
     ///
@@ -263,9 +265,10 @@ fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Spher
     }
 }
 
-/// Returns whether a sphere reverses the orientation of a closed surface with the same triangles: the volumes that the
-/// triangles enclose on the surface and on the sphere have opposite signs. The surface's triangles are used for both,
-/// because the sphere's triangles may be wound the other way. If a position isn't finite, the result is false.
+/// Returns whether a sphere reverses the orientation of a closed surface with the same triangles. This is the case if
+/// the volumes that the triangles enclose on the surface and on the sphere have opposite signs. The surface's triangles
+/// are used for both volumes, because the sphere's triangles may be wound the other way. If a position isn't finite,
+/// the result is false.
 fn is_reversed(mesh: &Mesh, sphere: &Sphere) -> bool {
     let of_sphere = || signed_volume_of(sphere.directions.as_slice(), &mesh.faces);
     !sphere.faces.is_empty() && signed_volume(mesh) * of_sphere() < 0.0

@@ -1,4 +1,4 @@
-//! Represents the position of a surface in the volume that it was made from, as recorded by FreeSurfer.
+//! Represents the position of a surface within the volume from which the surface was made, as recorded by FreeSurfer.
 //!
 //! Coordinates in FreeSurfer's surfaces are relative to the centre of their volume. To convert coordinates to scanner
 //! coordinates, the volume's size, axes and centre (`c_ras`) are needed. FreeSurfer's own format stores this geometry
@@ -9,7 +9,7 @@
 
 use crate::mesh::Meta;
 
-/// Size, axes and centre of the volume that a surface was made from.
+/// Size, axes and centre of the volume from which a surface was made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VolumeGeometry {
     /// Name of the volume's file, if known.
@@ -32,7 +32,7 @@ const GIFTI_SIZES: [&str; 3] = ["VolGeomWidth", "VolGeomHeight", "VolGeomDepth"]
 const GIFTI_VOXELS: [&str; 3] = ["VolGeomXsize", "VolGeomYsize", "VolGeomZsize"];
 
 impl VolumeGeometry {
-    /// Returns the geometry in a file's metadata. It is read from the FreeSurfer footer if the metadata have a footer,
+    /// Returns the geometry in a mesh's metadata. It is read from the FreeSurfer footer if the metadata contain one,
     /// otherwise from GIfTI metadata.
     #[must_use]
     pub fn of(meta: &Meta) -> Option<Self> {
@@ -81,7 +81,7 @@ impl VolumeGeometry {
         })
     }
 
-    /// Returns the geometry as GIfTI metadata of the point set.
+    /// Returns the geometry as entries of a GIfTI point set's metadata.
     #[must_use]
     pub fn to_metadata(&self) -> Vec<(String, String)> {
         let sizes = GIFTI_SIZES.iter().zip(self.size).map(|(name, n)| ((*name).to_owned(), n.to_string()));

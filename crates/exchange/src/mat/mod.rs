@@ -1,5 +1,5 @@
-//! Reads and writes SPHARM-MAT's models. A file has the complex matrix `fvec` (K, 3) and, if the model has a sphere,
-//! `vertices`, `faces` (vertices numbered from 1) and `sph_verts`.
+//! Reads and writes SPHARM-MAT's models. A file contains the complex matrix `fvec`, with one row per harmonic and three
+//! columns, and, if the model has a sphere, `vertices`, `faces` (vertices numbered from 1) and `sph_verts`.
 //!
 //! | file | contents |
 //! |---|---|
@@ -60,7 +60,8 @@ fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
     };
     three("sph_verts", vertices)?;
     let vectors: Vec<[f64; 3]> = (0..vertices.rows).map(|row| [0, 1, 2].map(|axis| vertices.real(row, axis))).collect();
-    let directions = Directions::from_vertices(&vectors).map_err(|error| Flaw::new("sph_verts", error))?;
+    let directions =
+        Directions::from_vertices(&vectors).map_err(|error| Flaw::new("valid directions in sph_verts", error))?;
     let mut sphere = Sphere::from_directions(directions);
     if let Some(faces) = faces {
         three("faces", faces)?;

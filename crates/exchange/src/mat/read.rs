@@ -1,7 +1,7 @@
 //! Reads MATLAB's MAT files of level 5.
 //!
-//! Declared sizes are checked against the bytes present before memory is allocated. A compressed matrix is inflated
-//! only if it is requested, and to at most [`LARGEST`] bytes.
+//! Sizes declared in a file are checked against the bytes present before memory is allocated. A compressed matrix is
+//! inflated only if it is requested, and to at most [`LARGEST`] bytes.
 
 use std::io::Read;
 
@@ -61,7 +61,7 @@ impl Order {
 
     /// Removes the first element from `bytes`. Returns its type and its contents.
     fn element<'a>(self, bytes: &mut &'a [u8]) -> Result<(u32, &'a [u8]), Flaw> {
-        let cut = || Flaw::new("an element", "the end of the file");
+        let cut = || Flaw::new("another data element", "the end of the file");
         let tag = self.number(bytes).ok_or_else(cut)?;
         // Elements of up to four bytes are stored within the 8-byte tag; their size is in the upper half of the type
         // field.
@@ -89,7 +89,7 @@ impl Order {
     }
 }
 
-/// Reads the matrices with the given names. The result has `None` for a name that isn't in the file.
+/// Reads the matrices with the given names. A matrix is `None` if the file has none with its name.
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
@@ -121,7 +121,7 @@ pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result
     Ok(found)
 }
 
-/// Inflates a compressed matrix if it has one of the given names. Otherwise inflates only the beginning of the matrix,
+/// Inflates a compressed matrix if it has one of the given names. Otherwise, inflates only the beginning of the matrix,
 /// which contains its name.
 fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Flaw> {
     let wrong = |error: std::io::Error| Flaw::new("a compressed matrix", error);
@@ -155,7 +155,7 @@ fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
 
 fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     let (_, flags) = order.element(&mut matrix)?;
-    let flags = order.number(flags).ok_or_else(|| Flaw::new("flags", "none"))?;
+    let flags = order.number(flags).ok_or_else(|| Flaw::new(format!("flags of {name}"), "none"))?;
     // Classes 6 to 15 are full matrices of numbers; sparse matrices, cells, structures and text have lower class
     // numbers.
     if !(6..=15).contains(&(flags & 0xff)) {
@@ -171,7 +171,8 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
         // A value may take only one byte in the file, but takes 8 bytes in memory.
-        check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
+        check_room(8 * bytes.len() as u64)
+            .map_err(|room| Flaw::new("a matrix that fits in memory", format!("one that needs {room}")))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("numbers in {name}"), format!("data of type {kind}")))?;
         if rows.checked_mul(columns) != Some(values.len()) {

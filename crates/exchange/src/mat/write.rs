@@ -12,9 +12,9 @@ const I32: u32 = 5;
 const U32: u32 = 6;
 const F64: u32 = 9;
 const MATRIX: u32 = 14;
-/// Class of f64 matrices.
+/// MATLAB's class number of f64 matrices.
 const DOUBLE: u32 = 6;
-/// Flag of complex matrices.
+/// Flag bit that marks a complex matrix.
 const COMPLEX: u32 = 1 << 11;
 
 /// Geometry of a surface model with a sphere: positions, triangles with vertices numbered from 0, and directions.

@@ -1,4 +1,4 @@
-//! Reads a table in batches of columns, and returns its rows.
+//! Reads a table from a columnar format (Arrow, Parquet) in batches of rows, and returns it row by row.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -22,7 +22,7 @@ pub(super) trait Batch {
     fn copy(&self, column: usize, rows: Range<usize>, out: StepBy<IterMut<'_, f64>>) -> Result<(), String>;
 }
 
-/// Iterator over the batches in the order of the file. An error is a description of the problem in the file.
+/// Iterator over a file's batches, in order. An error is a description of the problem in the file.
 pub(super) type Rows = Box<dyn Iterator<Item = Result<Box<dyn Batch>, String>> + Send>;
 /// Function that starts reading the columns with the given indices, which must be in ascending order.
 pub(super) type Start = Box<dyn FnOnce(Vec<usize>) -> Result<Rows, String> + Send>;
@@ -34,9 +34,9 @@ pub(super) struct Batches {
     names: Vec<String>,
     start: Option<Start>,
     rows: Option<Result<Rows, String>>,
-    /// For each value of an output row, the index of the batch's column from which it is read.
+    /// For each value of an output row, the index of its column in the batch.
     places: Vec<usize>,
-    /// Number of rows still to skip, because the batches begin before the shard.
+    /// Number of rows still to be skipped, because the batches begin before the shard.
     skip: u64,
     before: u64,
     left: u64,
@@ -45,8 +45,8 @@ pub(super) struct Batches {
 }
 
 impl Batches {
-    /// Creates a table of the range `rows` of a file's rows. Returns the table and the number of rows in the range. The
-    /// batches begin `skip` rows before the range.
+    /// Creates a table that consists of the range `rows` of a file's rows. Returns the table and the number of rows in
+    /// the range. The first batch begins `skip` rows before the range.
     pub(super) fn new(
         path: &Path,
         format: &'static str,
@@ -61,7 +61,7 @@ impl Batches {
         (Self { path, format, names, start: Some(start), rows: None, places, skip, before, left, pending }, left)
     }
 
-    /// Reads another batch. Returns false at the end.
+    /// Reads another batch. Returns false if there are no more batches.
     fn more(&mut self) -> Result<bool, MomentsError> {
         let failed = |found: &str| malformed(&self.path, self.format, found);
         let batch = match &mut self.rows {

@@ -16,7 +16,7 @@ use crate::error::cut;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Number of bytes per read. All threads parse the bytes of one read in parallel.
+/// Number of bytes per read. The bytes of one read are parsed by all threads in parallel.
 const BLOCK: usize = 1 << 22;
 /// Smallest number of bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
@@ -34,7 +34,7 @@ pub(super) struct Text {
     pending: Vec<u8>,
     /// Values of rows that have been parsed but not returned.
     parsed: Vec<f64>,
-    /// Byte range of the rows before the shard: from the end of the header to the start of the shard.
+    /// Byte range of the table's rows before the shard: from the end of the header to the start of the shard.
     before: Range<u64>,
     /// Number of the shard's rows that have been parsed.
     rows: u64,
@@ -263,7 +263,7 @@ fn number(word: &[u8]) -> Option<f64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// An invalid line: its row number within the parsed lines, from 0, and the problem.
+/// An invalid line: the index of its row within the parsed lines, from 0, and the problem.
 struct BadLine {
     row: u64,
     column: String,
@@ -277,7 +277,7 @@ impl Text {
         Self { path: path.to_owned(), input, lines, pending, parsed, before, rows: 0, ended: false }
     }
 
-    /// Reads and parses another block.
+    /// Reads and parses another block of bytes.
     fn more(&mut self) -> Result<(), MomentsError> {
         let before = self.pending.len();
         let count = self.input.by_ref().take(BLOCK as u64).read_to_end(&mut self.pending);
@@ -314,7 +314,7 @@ impl Text {
 }
 
 impl Lines {
-    /// Parses lines to rows. Stops at the first invalid line.
+    /// Parses lines into rows. Stops at the first invalid line.
     fn parse(&self, lines: &[u8]) -> (Vec<f64>, Option<BadLine>) {
         let (columns, width) = (self.names.len(), self.selected.len().max(1));
         let mut rows = Vec::new();
@@ -328,7 +328,7 @@ impl Lines {
             split(line, self.separator, &mut cells);
             let row = (rows.len() / width) as u64;
             if cells.len() != columns {
-                let found = format!("{} fields, but {columns} in the header or the first row", cells.len());
+                let found = format!("{} fields, but the header or first row has {columns}", cells.len());
                 let bad = BadLine { row, column: "the line".to_owned(), expected: "as many fields as columns", found };
                 return (rows, Some(bad));
             }
@@ -366,7 +366,7 @@ impl Table for Text {
     }
 
     /// Returns the row's number within the whole table, from 1. The rows before the shard are counted only here,
-    /// because their number is needed only for errors.
+    /// because their number is needed only in error messages.
     fn number_of(&self, row: u64) -> u64 {
         let before = || -> io::Result<u64> {
             if self.before.is_empty() {

@@ -24,7 +24,8 @@ const PADDING: u64 = 64;
 /// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
 /// run of 255 bytes in one byte.
 const MOST_PER_BYTE: u64 = 1 << 15;
-/// Value of the uncompressed size that marks a buffer as uncompressed, even though its block is compressed.
+/// Value that takes the place of the uncompressed size in front of a buffer that isn't compressed, although its block
+/// is.
 const PLAIN: i64 = -1;
 
 /// The columns of an Arrow file, and its blocks of rows.
@@ -35,8 +36,8 @@ pub(super) struct Contents {
     pub(super) blocks: Vec<(Block, u64)>,
 }
 
-/// Reads the footer of a file of `bytes` bytes. Checks that all blocks lie within the file, and that the free memory
-/// suffices for their uncompressed size.
+/// Reads the footer of a file of `bytes` bytes. Checks that all blocks lie within the file, and that enough memory is
+/// free to decompress each block.
 ///
 /// # Errors
 ///
@@ -76,7 +77,7 @@ pub(super) fn read_block(file: &File, block: &Block) -> Result<Vec<u8>, String> 
     read(&mut BufReader::new(file), place.start, length)
 }
 
-/// Byte offsets of a block's metadata and buffers, checked to lie within the file.
+/// Byte offsets of a block's metadata and buffers, which have been checked to lie within the file.
 struct Place {
     start: u64,
     metadata: usize,

@@ -57,7 +57,8 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let first = u64::from(header.offset_to_point_data);
     let least = points.checked_mul(row.into()).and_then(|values| values.checked_add(first));
     if least.is_none_or(|least| least > bytes) {
-        let expected = format!("{first} bytes before the points, and {points} points of {row} bytes");
+        let expected =
+            format!("{first} bytes before the points and {points} points of {row} bytes, as the header states");
         return Err(malformed(expected, format!("{bytes} bytes in total")));
     }
     let rows = shard.range(points);

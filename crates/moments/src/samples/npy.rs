@@ -22,7 +22,7 @@ const MOST_COLUMNS: usize = 1 << 16;
 /// Largest accepted number of bytes per row. The buffer for decoding holds at least one complete row.
 const LONGEST_ROW: usize = 1 << 20;
 
-/// An array's header, interpreted as a table of samples.
+/// The header of an array that represents a table of samples.
 pub(super) struct Header {
     /// Offset of the values in bytes: the length of the magic number, version and header.
     pub(super) length: u64,
@@ -40,7 +40,7 @@ impl Header {
         self.names.iter().enumerate().map(|(i, name)| name.clone().unwrap_or_else(|| i.to_string())).collect()
     }
 
-    /// Returns the size of all values in bytes; `None` if it overflows.
+    /// Returns the size of all values in bytes; `None` if the size overflows.
     pub(super) fn bytes(&self) -> Option<u64> {
         self.rows.checked_mul(self.row as u64)
     }
@@ -52,15 +52,16 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let header = read_header(path, &mut input)?;
     let expected = header.bytes().and_then(|values| values.checked_add(header.length));
     if expected != Some(bytes) {
-        let expected = format!("a header of {} bytes and {} rows of {} bytes", header.length, header.rows, header.row);
+        let expected =
+            format!("{} rows of {} bytes after a header of {} bytes", header.rows, header.row, header.length);
         return Err(malformed(path, expected, format!("{bytes} bytes in total")));
     }
     let rows = shard.range(header.rows);
     let starts: Vec<(u64, usize, Vec<Field>)> = if header.fortran {
         let column = |field: &Field| {
             let size = field.kind.size() as u64;
-            // In Fortran order, the values of a field are contiguous. The field's offset in a row, times the number of
-            // rows, is the offset of its first value.
+            // In Fortran order, the values of a field are contiguous. The offset of its first value is the field's
+            // offset in a row, multiplied by the number of rows.
             let at = header.length + field.at as u64 * header.rows + rows.start * size;
             (at, field.kind.size(), vec![Field { at: 0, ..*field }])
         };

@@ -1,6 +1,6 @@
-//! Reads NumPy archives (`.npz`) of several arrays with the same number of rows. The column of a one-dimensional array
-//! has the array's name. The columns of a matrix are named `name.0`, `name.1`, .... The columns of a structured array
-//! have the names of its fields.
+//! Reads NumPy archives (`.npz`) of several arrays with the same number of rows. A one-dimensional array becomes a
+//! column with the array's name. The columns of a matrix are named `name.0`, `name.1`, and so on. The columns of a
+//! structured array have the names of its fields.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -50,7 +50,8 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));
-        // The data may be compressed, so seeking isn't possible: read the rows before the shard and discard them.
+        // The data may be compressed, so seeking isn't possible. Therefore, read the rows before the shard and discard
+        // them.
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {
@@ -74,7 +75,7 @@ fn entries(file: File) -> Result<Vec<Entry>, String> {
         let deflated = match file.compression() {
             CompressionMethod::Stored => false,
             CompressionMethod::Deflated => true,
-            other => return Err(format!("array {name}, compressed by {other}")),
+            other => return Err(format!("array {name}, compressed with {other}")),
         };
         let start = file.data_start().ok_or_else(|| format!("array {name}, without data"))?;
         found.push(Entry { name, start, length: file.compressed_size(), deflated });

@@ -20,8 +20,8 @@ pub(crate) const STDIN: &str = "-";
 pub const ENDINGS: [&str; 10] =
     [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
 
-/// File-name extensions of per-vertex files, which can only be read over a sampling scheme. Other per-vertex files of
-/// FreeSurfer have no fixed extension.
+/// File-name extensions of per-vertex files, which can only be read together with a sampling scheme. Other per-vertex
+/// files of FreeSurfer have no fixed extension.
 const SIGNALS: [&str; 3] = [".gii", ".mgh", ".mgz"];
 
 /// An opened table, with the properties that are known before its rows are read.
@@ -31,8 +31,8 @@ pub(crate) struct Opened {
     pub(crate) bytes: Option<u64>,
     /// Number of rows in the shard, if known.
     pub(crate) rows: Option<u64>,
-    /// Running hash of the bytes read from standard input, which is complete after the last byte has been read; `None`
-    /// for files.
+    /// Running hash of the bytes read from standard input, complete after the last byte has been read; `None` for
+    /// files.
     pub(crate) hash: Option<Arc<Mutex<blake3::Hasher>>>,
 }
 
@@ -65,8 +65,9 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens a table over a sampling scheme. The entire table is opened, even if only a shard is used. Shards of text
-/// tables are byte ranges, but row numbers are needed to assign directions to rows. Per-vertex files are also accepted.
+/// Opens a table whose rows belong to the directions of a sampling scheme. The entire table is opened, even if only a
+/// shard is used, because shards of text tables are byte ranges, but row numbers are needed to assign directions to
+/// rows. Per-vertex files are also accepted.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);
@@ -105,7 +106,7 @@ fn open_file(path: &Path) -> Result<(File, u64), MomentsError> {
     Ok((file, bytes))
 }
 
-/// Opens standard input: as a NumPy array if it begins with NumPy's magic number, otherwise as text.
+/// Opens standard input. It is read as a NumPy array if it begins with NumPy's magic number, otherwise as text.
 fn standard_input(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if shard != Shard::WHOLE {
         return Err(MomentsError::ShardOfStream);

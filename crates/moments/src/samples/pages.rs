@@ -12,7 +12,7 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use ::parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Number of bytes that a page may have in addition to 9 bytes per row. The 9 bytes are a number of at most 64 bits,
+/// Number of bytes that a page may have in addition to 9 bytes per row. The 9 bytes hold a value of at most 64 bits,
 /// and its repetition and definition levels.
 const PADDING: u64 = 1 << 10;
 /// Largest accepted nesting depth of structures in a header; the format itself uses three levels.
@@ -91,13 +91,13 @@ const DICTIONARY: i64 = 2;
 /// Codes of the encodings whose pages refer to a dictionary.
 const DICTIONARY_ENCODINGS: [i64; 2] = [2, 8];
 
-/// The fields of a page header that the check needs.
+/// The fields of a page header that [`check`] needs.
 #[derive(Debug, Default, PartialEq)]
 struct Page {
     kind: i64,
     expanded: i64,
     compressed: i64,
-    /// Number of values.
+    /// Number of values in the page.
     values: i64,
     /// Code of the encoding of the values.
     encoding: i64,

@@ -40,17 +40,17 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u6
     Ok(Batches::new(path, format, names, Box::new(start), 0, rows))
 }
 
-/// An iterator over the batches of the selected columns, through all groups of rows.
+/// Iterator over the batches of the selected columns, in all row groups.
 struct Groups {
     reader: SerializedFileReader<File>,
     /// For each selected column, its index among the file's columns that store values (leaves).
     leaves: Vec<usize>,
     columns: Vec<Column>,
-    /// Index of the next group.
+    /// Index of the next row group.
     next: usize,
-    /// Rows of the current group that haven't been read.
+    /// Number of rows of the current row group that haven't been read.
     left: usize,
-    /// Rows to skip before the first batch.
+    /// Number of rows to skip before the first batch.
     skip: u64,
 }
 
@@ -61,7 +61,7 @@ impl Groups {
         Ok(Self { reader, leaves, columns: Vec::new(), next: 0, left: 0, skip })
     }
 
-    /// Opens the next group that contains rows to be read. Returns false at the end of the file.
+    /// Opens the next row group that contains rows to be read. Returns false at the end of the file.
     fn open(&mut self) -> Result<bool, String> {
         while self.left == 0 {
             let Some(group) = self.reader.metadata().row_groups().get(self.next) else { return Ok(false) };
@@ -123,7 +123,7 @@ fn leaf(schema: &SchemaDescriptor, column: usize) -> Result<usize, String> {
     let found = (0..schema.num_columns()).find(|&leaf| schema.get_column_root_idx(leaf) == column);
     let leaf = found.ok_or("a column without values")?;
     let descriptor = schema.column(leaf);
-    // Lists and structures are nested, and have several values, or several kinds of values, per row.
+    // Columns of lists and structures are nested: they have several values, or several kinds of values, per row.
     let flat = schema.get_column_root(leaf).is_primitive() && descriptor.max_rep_level() == 0;
     if flat && is_number(&descriptor) { Ok(leaf) } else { Err(unusable(schema, leaf)) }
 }
@@ -181,7 +181,7 @@ fn kind(schema: &SchemaDescriptor, leaf: usize) -> String {
     }
 }
 
-/// A column of numbers within a group of rows.
+/// A column of numbers within a row group.
 struct Column {
     reader: ColumnReader,
     unsigned: bool,
@@ -190,7 +190,7 @@ struct Column {
 }
 
 impl Column {
-    /// Opens a column, and skips the first `skip` rows of its group.
+    /// Opens a column, and skips the first `skip` rows of its row group.
     fn open(group: &dyn RowGroupReader, leaf: usize, skip: usize) -> Result<Self, ParquetError> {
         let descriptor = group.metadata().schema_descr().column(leaf);
         let mut reader = group.get_column_reader(leaf)?;

@@ -53,7 +53,7 @@ pub(super) fn open(
     let mut limited = input.by_ref().take(LONGEST_HEADER);
     while !text.ends_with(b"end_header\n") && !text.ends_with(b"end_header\r\n") {
         if limited.read_until(b'\n', &mut text).map_err(MomentsError::io(path, "read"))? == 0 {
-            return Err(malformed("end_header".to_owned(), "no such line".to_owned()));
+            return Err(malformed("a line end_header".to_owned(), "no such line".to_owned()));
         }
     }
     let length = text.len() as u64;
@@ -62,7 +62,7 @@ pub(super) fn open(
         Some(Encoding::Binary { little }) => {
             let least = header.rows.checked_mul(header.row as u64).and_then(|values| values.checked_add(length));
             if least.is_none_or(|least| least > bytes) {
-                let expected = format!("{} vertices of {} bytes, according to the header", header.rows, header.row);
+                let expected = format!("a header and {} vertices of {} bytes", header.rows, header.row);
                 return Err(malformed(expected, format!("{bytes} bytes in total")));
             }
             let rows = shard.range(header.rows);
@@ -81,7 +81,7 @@ pub(super) fn open(
             Ok((Box::new(table), None))
         }
         Some(Encoding::Ascii) => {
-            let expected = "only vertices in a text file; binary files may also have faces".to_owned();
+            let expected = "a text file with vertices only (binary files may also have faces)".to_owned();
             Err(malformed(expected, format!("{} elements of other kinds", header.others)))
         }
         None => Err(malformed("a format line".to_owned(), "none".to_owned())),
@@ -103,7 +103,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
             ["format", "binary_little_endian", _] => header.encoding = Some(Encoding::Binary { little: true }),
             ["format", "binary_big_endian", _] => header.encoding = Some(Encoding::Binary { little: false }),
             ["element", name, count] => {
-                let Ok(count) = count.parse::<u64>() else { return unclear("an element's count") };
+                let Ok(count) = count.parse::<u64>() else { return unclear("the number of elements") };
                 match (name, vertices) {
                     ("vertex", None) => (header.rows, vertices) = (count, Some(true)),
                     (_, None) => return unclear("vertices before all other elements"),
@@ -120,7 +120,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                     "uint" | "uint32" => Scalar::U32,
                     "float" | "float32" => Scalar::F32,
                     "double" | "float64" => Scalar::F64,
-                    _ => return unclear("a number's type"),
+                    _ => return unclear("the type of a number"),
                 };
                 header.fields.push(Field { at: header.row, kind: Kind::Number(kind), little: true });
                 header.names.push(name.to_owned());
@@ -133,7 +133,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
         }
     }
     if header.fields.is_empty() {
-        return Err(("vertices with numbers".to_owned(), "none".to_owned()));
+        return Err(("vertices with numeric properties".to_owned(), "none".to_owned()));
     }
     Ok(header)
 }

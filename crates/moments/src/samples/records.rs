@@ -9,7 +9,7 @@ use spharm_surface::io::Scalar;
 use super::table::Table;
 use crate::MomentsError;
 
-/// Number of bytes decoded at a time, which fit in a core's L2 cache.
+/// Number of bytes decoded at a time, chosen to fit in a core's L2 cache.
 const CACHED: usize = 1 << 18;
 
 /// A field of a row.
@@ -21,7 +21,7 @@ pub(super) struct Field {
     pub(super) little: bool,
 }
 
-/// Type of the values of a field.
+/// Type of a field's values.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Kind {
     Number(Scalar),
@@ -51,8 +51,8 @@ pub(super) struct Stream {
     pub(super) fields: Vec<Field>,
 }
 
-/// A table whose columns may be split among several streams. Each read takes the same rows from every stream with
-/// selected columns.
+/// A table whose columns may be split among several streams. Each read takes the same range of rows from every stream
+/// that contains selected columns.
 pub(super) struct Records {
     pub(super) path: PathBuf,
     pub(super) format: &'static str,
@@ -62,7 +62,7 @@ pub(super) struct Records {
     pub(super) before: u64,
     /// Number of rows of the shard that haven't been read yet.
     pub(super) left: u64,
-    /// For each stream, the selected fields, each with the index of its column in the resulting row.
+    /// For each stream, the selected fields, each with the index of its value in the output row.
     selected: Vec<Vec<(Field, usize)>>,
     width: usize,
     buffer: Vec<u8>,
@@ -125,8 +125,8 @@ impl Table for Records {
             if fields.is_empty() {
                 continue;
             }
-            // Decode one field at a time, for a group of rows that fits in the cache, so that the bytes stay in the
-            // cache from one field to the next.
+            // Decode one field at a time, for a group of rows whose bytes fit in the cache and so stay there from one
+            // field to the next.
             let together = (CACHED / stream.row).max(1);
             for out in out[start..].chunks_mut(together * self.width) {
                 self.buffer.resize(out.len() / self.width * stream.row, 0);

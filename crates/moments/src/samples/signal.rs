@@ -17,7 +17,7 @@ pub(super) struct Values {
     done: usize,
 }
 
-/// Reads a per-vertex file. The value of a vertex without data is NaN, which causes an error only if the vertex's row
+/// Reads a per-vertex file. If a vertex has no data, its value is NaN, which causes an error only if the vertex's row
 /// is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;

@@ -2,8 +2,8 @@
 
 use crate::MomentsError;
 
-/// Value that represents a null, which is a cell that the file format marks as missing. It is a NaN with a bit pattern
-/// that no other source of NaN produces.
+/// Value that represents a null: a cell that the file format marks as missing. It is a NaN with a bit pattern that no
+/// other source of NaN produces.
 pub(crate) const NULL: f64 = f64::from_bits(0x7ff8_6e75_6c6c_0000);
 
 /// A table whose rows are read in order.

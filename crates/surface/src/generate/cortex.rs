@@ -61,19 +61,19 @@ struct Shear {
     crest: Vec3,
 }
 
-/// The map of the unit sphere into space, before scaling to the extents.
+/// The map from the unit sphere to the folded surface, before the surface is scaled to its extents.
 struct Folding {
     waves: Vec<Wave>,
     shears: Vec<Shear>,
 }
 
 const WAVES: usize = 40;
-/// Range of the wave numbers of the folds, in radians per radius. Furrows are about pi / 14.5 radii apart, which is 13
-/// mm on a brain.
+/// Range of the folds' wave numbers, in radians per radius of the sphere. The furrows are about pi / 14.5 radii apart,
+/// which corresponds to 13 mm on a brain.
 const WAVE_NUMBERS: (f64, f64) = (13.0, 16.0);
-/// The depth d of furrows, in radii.
+/// The depth d of the furrows, relative to the sphere's radius.
 const DEPTH: f64 = 0.2;
-/// The width s of furrows, in standard deviations of the sum w of the waves.
+/// The width s of the furrows, in standard deviations of w, the sum of the waves.
 const WIDTH: f64 = 0.75;
 /// Wave number, amplitude and count of each group of shears, in the order in which the groups are applied.
 const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];

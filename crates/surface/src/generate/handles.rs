@@ -83,7 +83,8 @@ pub fn double_torus(cells: u32) -> Mesh {
     })
 }
 
-/// Returns the surface net of a function f over a grid of `counts` points. f is negative inside the surface.
+/// Returns the surface net of f = 0 over a grid of `counts` points, for a function f that is negative inside the
+/// surface.
 fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -> Mesh {
     let point = |i: [usize; 3]| -> Vec3 { std::array::from_fn(|axis| corner[axis] + steps[axis] * i[axis] as f64) };
     let number = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;

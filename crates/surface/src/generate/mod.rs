@@ -1,5 +1,6 @@
-//! Generates surfaces: icospheres, double pyramids, folded closed surfaces with known parameterisation, surfaces with
-//! handles, groups with a known difference or known correspondence, subdivisions of meshes, and voxels of surfaces.
+//! Generates surfaces: icospheres, double pyramids, folded closed surfaces with a known parameterisation, surfaces with
+//! handles, and groups of surfaces with a known difference or known correspondence. Also subdivides meshes, and
+//! converts surfaces to voxels.
 
 mod bipyramid;
 mod cortex;

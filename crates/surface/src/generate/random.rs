@@ -2,8 +2,8 @@
 
 use crate::geometry::{Vec3, cross, unit};
 
-/// The generator SplitMix64 of Steele, Lea and Flood (OOPSLA 2014). It is good enough for shapes and takes three lines
-/// of code.
+/// The generator SplitMix64 of Steele, Lea and Flood (OOPSLA 2014). It is good enough for generating shapes, and takes
+/// three lines of code.
 #[derive(Debug, Clone)]
 pub struct SplitMix64(u64);
 
@@ -39,8 +39,8 @@ impl SplitMix64 {
     pub(super) fn square_to(&mut self, k: Vec3) -> Vec3 {
         loop {
             let e = cross(k, self.direction());
-            // Any random direction that isn't nearly parallel to k is suitable. Nearly always, the first direction is
-            // suitable.
+            // Any direction that isn't nearly parallel to k is suitable, so the first random direction nearly always
+            // is.
             if e.iter().map(|x| x * x).sum::<f64>() > 1e-6 * k.iter().map(|x| x * x).sum::<f64>() {
                 return unit(e);
             }
@@ -78,7 +78,7 @@ mod tests {
             let e = random.square_to([3.0 * d[0], 3.0 * d[1], 3.0 * d[2]]);
             assert!((dot(e, e) - 1.0).abs() < 1e-14 && dot(d, e).abs() < 1e-12, "{d:?} {e:?}");
         }
-        // 105 is four standard deviations of a sum of 2000 numbers, uniform in [-1, 1].
+        // 105 is four standard deviations of the sum of 2000 random numbers that are uniformly distributed in [-1, 1].
         assert!(sum.iter().all(|sum| sum.abs() < 105.0), "{sum:?}");
         assert!(squares.iter().all(|sum| (sum - 2000.0 / 3.0).abs() < 55.0), "{squares:?}");
     }

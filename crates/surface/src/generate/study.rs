@@ -1,4 +1,4 @@
-//! Generates the surfaces of a study: subjects of two groups that differ by a bump of known position and height.
+//! Generates the surfaces for a study: subjects in two groups, which differ by a bump of known position and height.
 //!
 //! A subject is an elongated body, about 40 mm long. Before the body is stretched, its radius in direction u is `r(u) =
 //! 1 + sum a_k cos(k . u + p_k)`, with wave vectors k, amplitudes a_k and phases p_k that differ from subject to
@@ -28,7 +28,7 @@ impl Default for Study {
     }
 }
 
-/// Half axes of the body, in mm. They differ from each other, so that the pose is unique.
+/// Half axes of the body, in mm. All three differ, so that the pose is unique.
 const AXES: Vec3 = [20.0, 11.0, 8.0];
 /// Amplitude of the waves that distinguish subjects, relative to the radius.
 const VARIATION: f64 = 0.012;
@@ -36,9 +36,9 @@ const VARIATION: f64 = 0.012;
 const WAVES: usize = 12;
 /// Displacement of the body's ends by bending, in mm.
 const BEND: f64 = 5.0;
-/// Width of the bump, in radians on the sphere.
+/// Width of the bump, as an angle on the sphere in radians.
 const WIDTH: f64 = 0.35;
-/// The bump's direction on the sphere.
+/// Direction of the bump's centre on the sphere.
 const PLACE: Vec3 = [0.48, 0.64, 0.6];
 /// Largest translation of a pose along an axis, in mm.
 const SHIFT: f64 = 50.0;

@@ -14,10 +14,10 @@ pub struct Voxels {
     pub origin: Vec3,
 }
 
-/// Number of background voxels on each side.
+/// Width of the background around the surface's bounding box, in voxels.
 const MARGIN: usize = 2;
-/// Displacement of the tested points from the voxels' centres, relative to the voxel size. It ensures that lines along
-/// z meet no edge of a mesh whose vertices have simple coordinates.
+/// Displacement along x and y of the tested points from the voxels' centres, relative to the voxel size. Because of it,
+/// the lines along z through these points meet no edge of a mesh whose vertices have simple coordinates.
 const NUDGE: [f64; 2] = [1.7e-7, 2.9e-7];
 
 impl Voxels {
@@ -39,7 +39,7 @@ impl Voxels {
         for (column, mut crossings) in crossings.into_iter().enumerate() {
             crossings.sort_by(f64::total_cmp);
             for inside in crossings.chunks_exact(2) {
-                // Crossings are z coordinates in voxels, measured from the origin.
+                // Crossings are z coordinates in voxels, measured from `origin`.
                 for z in inside[0].ceil() as usize..=inside[1].floor() as usize {
                     values[[column / counts[1], column % counts[1], z]] = 1;
                 }
@@ -49,8 +49,8 @@ impl Voxels {
     }
 }
 
-/// Returns, for each column of voxels, the z coordinates at which the line along z through the column crosses the
-/// triangles. Coordinates are in voxels, measured from the origin.
+/// Returns, for each column of voxels along z, the z coordinates at which the column's line crosses the mesh's
+/// triangles. Coordinates are in voxels, measured from `origin`.
 fn crossings(mesh: &Mesh, size: f64, origin: Vec3, counts: [usize; 3]) -> Vec<Vec<f64>> {
     let mut found = vec![Vec::new(); counts[0] * counts[1]];
     for face in &mesh.faces {
@@ -94,7 +94,7 @@ mod tests {
         for ((i, j, k), inside) in found.values.indexed_iter() {
             let x: Vec3 = [(i, 0), (j, 1), (k, 2)].map(|(at, axis)| found.origin[axis] + 0.5 * at as f64);
             let radius = dot(x, x).sqrt();
-            // Points between the triangles and the sphere may be either inside or outside.
+            // Points between the mesh's triangles and the true sphere may be either inside or outside the mesh.
             assert!((6.18..6.21).contains(&radius) || (*inside == 1) == (radius < 6.2), "{radius}");
         }
     }

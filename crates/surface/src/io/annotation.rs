@@ -1,8 +1,8 @@
 //! Reads annotations, which divide a surface into named regions: FreeSurfer's `lh.aparc.annot`, and GIfTI labels.
 //!
 //! In an `.annot` file, all numbers are big-endian i32. The file has the number of vertices, then the index of each
-//! vertex and the colour of its region, then a table of the regions' colours and names. The table has an older and a
-//! newer version (see FreeSurfer's `read_annotation.m`). The colour of a vertex is stored as red + 2^8 green + 2^16
+//! vertex and the colour of its region, then a table of the regions' colours and names. The table comes in an older and
+//! a newer version (see FreeSurfer's `read_annotation.m`). The colour of a vertex is stored as red + 2^8 green + 2^16
 //! blue. The fourth number of a colour in the table, its transparency, isn't part of this value.
 
 use std::collections::HashMap;
@@ -76,7 +76,8 @@ pub fn read_annotation(path: impl AsRef<Path>, vertices: usize) -> Result<Annota
     Ok(found)
 }
 
-/// Returns the annotation for vertices with the given keys. If several regions have the same key, the first is used.
+/// Returns the annotation for vertices with the given region keys. If several regions have the same key, the first of
+/// them is used.
 fn named(keys: impl Iterator<Item = Option<i64>>, table: Vec<(i64, String)>) -> Annotation {
     let mut places: HashMap<i64, usize> = HashMap::new();
     let mut names = Vec::with_capacity(table.len());
@@ -106,7 +107,7 @@ fn parse(bytes: &[u8]) -> Result<Annotation, Flaw> {
     Ok(named(colours.into_iter(), table(&mut cursor)?))
 }
 
-/// Reads the table of colours and the names of their regions.
+/// Reads the table of the regions' colours and names.
 fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     let first = cursor.i32(Endian::Big)?;
     let numbered = first < 0;

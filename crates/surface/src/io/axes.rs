@@ -1,6 +1,6 @@
-//! Reads and writes the statement `SPACE=LPS` or `SPACE=RAS`. 3D Slicer uses this statement to give the axes of a mesh,
-//! in the title or in a comment of the mesh's file. Positions are kept as stored. Slicer assumes LPS for files without
-//! the statement.
+//! Reads and writes the statement `SPACE=LPS` or `SPACE=RAS`. 3D Slicer writes this statement in the title or in a
+//! comment of a mesh's file to specify the axes of the positions. Positions aren't converted here. Slicer assumes LPS
+//! for files without the statement.
 
 use super::landmarks::Frame;
 use crate::mesh::{Mesh, Meta};
@@ -27,8 +27,8 @@ pub(super) fn noted(mut mesh: Mesh, frame: Option<Frame>) -> Mesh {
 }
 
 impl Meta {
-    /// Returns the axes of a mesh, if they are known from the mesh's file, or from the name that GIfTI metadata give to
-    /// the space of the positions.
+    /// Returns the axes of a mesh, if its file states them, or if they follow from the coordinate space named in its
+    /// GIfTI metadata.
     #[must_use]
     pub fn axes(&self) -> Option<Frame> {
         let noted = self.file_metadata.iter().find(|(name, _)| name == NAME).and_then(|(_, axes)| Frame::named(axes));

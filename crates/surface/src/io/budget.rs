@@ -1,10 +1,10 @@
-//! Limits the memory for contents that can be much larger than their file, because the file is compressed or because a
-//! part of it is used many times.
+//! Limits the memory for the contents of a file, which can be much larger than the file itself, because the file is
+//! compressed or because parts of it are used many times.
 
 use super::flaw::Flaw;
 use crate::room::{Bytes, check_room, most_expanded};
 
-/// The number of bytes of memory that a file's contents may still take.
+/// The memory budget for a file's contents.
 #[derive(Debug)]
 pub(super) struct Budget {
     left: u64,
@@ -13,7 +13,7 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    /// Returns the budget for a file of `file` bytes: [`most_expanded`] bytes of contents.
+    /// Returns the budget for the contents of a file of `file` bytes, which is [`most_expanded`] of this size.
     pub(super) fn of_file(file: usize) -> Self {
         Self { left: most_expanded(file as u64), file: file as u64 }
     }
@@ -23,8 +23,8 @@ impl Budget {
         self.left
     }
 
-    /// Takes `bytes` from the budget, before memory is allocated for them. `what` precedes "more than LIMIT" in the
-    /// error message, such as "shapes of".
+    /// Takes `bytes` from the budget, before memory is allocated for them. `what` is the beginning of the phrase
+    /// "shapes of more than LIMIT" in the error message, such as "shapes of".
     pub(super) fn spend(&mut self, bytes: u64, what: &str) -> Result<(), Flaw> {
         match self.left.checked_sub(bytes) {
             Some(left) => self.left = left,

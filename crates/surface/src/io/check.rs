@@ -100,7 +100,7 @@ pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), Surfa
     Ok(())
 }
 
-/// Checks that positions stay finite when rounded to 32-bit floats, and that not all of them become 0. The loss of
+/// Checks that positions stay finite when rounded to 32-bit floats, and that not all of them become 0. A mere loss of
 /// digits is accepted.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();

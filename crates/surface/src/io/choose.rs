@@ -18,7 +18,7 @@ pub enum Output<'a> {
     OrderedMesh,
     /// Values on vertices.
     Signal,
-    /// A surface or values on vertices, if it isn't known yet which of the two is written.
+    /// A surface or values on vertices, if it isn't known yet which of the two will be written.
     Either,
     /// An output of one fixed format; its name must end in one of these lower-case extensions.
     Ending(&'a [&'a str]),
@@ -27,7 +27,7 @@ pub enum Output<'a> {
 /// Checks, before any work, that the format implied by an output's name can hold the output.
 ///
 /// Functions that write files make this check, too. Programs call this function for all outputs before they start their
-/// work.
+/// work, so that an unsuitable name is reported at once.
 ///
 /// # Errors
 ///
@@ -152,7 +152,7 @@ pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, 
     })
 }
 
-/// Returns the formats that are identified by their endings: all except FreeSurfer's surface and curv files.
+/// Returns the formats that are identified by file extensions: all except FreeSurfer's surface and curv files.
 fn proper() -> impl Iterator<Item = &'static FormatSpec> {
     FORMATS.iter().filter(|format| !format.hemisphere_prefix)
 }

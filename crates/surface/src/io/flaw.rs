@@ -1,11 +1,11 @@
-//! Defines the errors of parsers, which don't know the file's path.
+//! Defines the error type for parsers, which don't know the file's path.
 
 use std::path::Path;
 
 use crate::error::SurfaceError;
 use crate::room::{NoRoom, check_room};
 
-/// An error of a parser. [`Flaw::at`] adds the file's path to the error.
+/// An error found by a parser. [`Flaw::at`] adds the file's path to it.
 #[derive(Debug)]
 pub(super) enum Flaw {
     /// The bytes violate the format.
@@ -73,7 +73,8 @@ pub(super) fn shown(bytes: &[u8]) -> String {
 /// Checks that a count in a header is plausible, before memory is allocated for the counted items. The items must fit
 /// into the rest of the file, and enough memory for them must be free.
 ///
-/// `least` is the smallest size of an item in the file, in bytes. In memory, an item takes at least 8 bytes.
+/// `least` is the smallest size of an item in the file, in bytes. In memory, an item is assumed to take at least 8
+/// bytes.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {
     match usize::try_from(count) {
         Ok(n) if n.checked_mul(least).is_some_and(|bytes| bytes <= remaining) => {

@@ -1,13 +1,13 @@
 //! Reads and writes FreeSurfer's binary triangle surfaces (`lh.pial`) and new-format curv files (`lh.thickness`).
 //!
-//! All numbers are big-endian. A surface file begins with the magic FF FF FE, a comment line and usually an empty line.
-//! The numbers of vertices and triangles (i32), the positions (f32) and the triangles (i32) follow. The file ends with
-//! a footer that depends on the program. The footer describes the geometry of the volume. Its `c_ras` is the position
-//! of the origin. The footer is kept byte for byte. A curv file consists of the magic FF FF FF, three counts, and
-//! values (f32).
+//! All numbers are big-endian. A surface file begins with the magic bytes FF FF FE, a comment line and usually an empty
+//! line. The numbers of vertices and triangles (i32), the positions (f32) and the triangles (i32) follow. The file ends
+//! with a footer that depends on the program. The footer describes the geometry of the volume from which the surface
+//! was made; its `c_ras` is the position of the surface's origin. The footer is kept byte for byte. A curv file
+//! consists of the magic bytes FF FF FF, three counts, and values (f32).
 //!
-//! The crate neuroformats isn't used, because it drops the footer, and allocates memory by the header's counts without
-//! checking them.
+//! The crate neuroformats isn't used, because it drops the footer, and allocates as much memory as the counts in the
+//! header imply, without checking them.
 
 use std::io::{self, Write};
 
@@ -132,7 +132,8 @@ pub(super) fn write_surface(out: &mut dyn Write, mesh: &Mesh, _: &Context<'_>) -
     }
 }
 
-/// Writes a curv file. Its number of triangles, which no reader uses, is set to that of a closed surface of genus zero.
+/// Writes a curv file. The number of triangles in its header, which no reader uses, is set to that of a closed surface
+/// of genus zero.
 pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     out.write_all(&CURV_MAGIC)?;
     write_i32(out, signal.vertices)?;

@@ -38,8 +38,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Removes the temporary files in a folder that no process is writing, and returns their paths. Files that can't be
-/// removed are skipped.
+/// Removes a folder's abandoned temporary files (those that no process is writing to), and returns their paths. Files
+/// that can't be removed are skipped.
 ///
 /// # Errors
 ///

@@ -44,8 +44,8 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// Largest number of bytes to which one byte of Deflate's output (gzip, zip) can expand. The bound is inherent in the
-/// Deflate method.
+/// Largest number of bytes to which one byte of data compressed by Deflate (gzip, zip) can expand. The limit is
+/// inherent in the method.
 pub const MOST_EXPANSION: u64 = 1032;
 
 /// Returns whether the bytes begin like a gzip file.

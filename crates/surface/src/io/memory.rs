@@ -21,8 +21,8 @@ use super::load::is_gzip;
 pub fn bytes_to_read(path: &Path) -> u64 {
     const PLAIN: u64 = 3;
     const PACKED: u64 = 8;
-    // The measured factor is 6.8. This factor is larger, because numbers with few digits compress better than those in
-    // the measured file.
+    // This factor is larger than the measured 6.8, because numbers with few digits compress better than those in the
+    // measured file.
     const ZIPPED: u64 = 12;
     let Some(size) = metadata(path).ok().filter(|found| found.is_file()).map(|found| found.len()) else { return 0 };
     let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();

@@ -85,7 +85,7 @@ fn key_and_value(line: &[u8]) -> Option<(&[u8], &[u8])> {
     Some((key.trim_ascii(), value.get(1..)?.trim_ascii()))
 }
 
-/// Returns whether the value of a key that describes a transform is the identity.
+/// Returns whether the value of `key`, which describes part of a transform, is the value for the identity.
 fn is_identity(key: &[u8], value: &[u8]) -> bool {
     let numbers: Vec<f64> = words(value).filter_map(number).collect();
     match key {

@@ -119,7 +119,7 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io
     for n in [1, count(signal.vertices)?, 1, 1, count(signal.channels)?, FLOAT, 0] {
         out.write_all(&n.to_be_bytes())?;
     }
-    // The geometry is all zero, including the flag for its validity.
+    // The geometry is all zeros, including the flag that would mark it as valid.
     out.write_all(&[0; HEADER - 28])?;
     for channel in 0..signal.channels {
         for &x in signal.values.iter().skip(channel).step_by(signal.channels) {

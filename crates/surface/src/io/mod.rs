@@ -316,7 +316,7 @@ pub fn write_signal_of(
     write_as(path, options, format.write_signal, signal, structure)
 }
 
-/// Writes contents with a format's writer, gzipped if the file's name requires it.
+/// Writes a file with a format's `writer`, compressed by gzip if the file's name ends in `.gz`.
 fn write_as<T>(
     path: &Path,
     options: &WriteOptions,

@@ -52,7 +52,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Signal, Flaw> {
 mod tests {
     use super::*;
 
-    /// Returns a file of version 1.
+    /// Returns the bytes of a NumPy file of format version 1.
     fn file(header: &str, values: &[u8]) -> Vec<u8> {
         [MAGIC, &[1, 0], &(header.len() as u16).to_le_bytes(), header.as_bytes(), values].concat()
     }

@@ -48,7 +48,8 @@ pub fn diverging(value: f64) -> [u8; 3] {
     between(&DIVERGING, value)
 }
 
-/// Interpolates between colours at equal steps, for a value from 0 to 1.
+/// Interpolates linearly between equally spaced colours, of which the first is for the value 0 and the last for 1. NaN
+/// gives grey.
 fn between(stops: &[[u8; 3]], value: f64) -> [u8; 3] {
     if value.is_nan() {
         return [128; 3];

@@ -6,18 +6,18 @@
 //!
 //! # Sample points
 //!
-//! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
-//! Their centroids are the sample points and their areas the weights, so the mean and the root mean square are
-//! integrals over the surface, computed by the midpoint rule. The largest distance is also measured at the vertices,
-//! because peaks occur at vertices. The method uses no random numbers.
+//! Each triangle is cut into n^2 congruent smaller triangles, with n chosen such that the small triangles' edges have
+//! about the same length everywhere. The small triangles' centroids are the sample points and their areas the weights,
+//! so the mean and the root mean square are integrals over the surface, computed by the midpoint rule. The largest
+//! distance is also measured at the vertices, because peaks occur at vertices. The method uses no random numbers.
 //!
 //! # Error bound
 //!
-//! d is 1-Lipschitz, and no point of a small triangle is farther from the triangle's centroid than 2/3 of the longest
+//! d is 1-Lipschitz, and no point of a small triangle is farther from the triangle's centroid than 2/3 of its longest
 //! edge. The true Hausdorff distance is therefore at least the computed one, and exceeds it by at most 2/3 of the
-//! longest edge of all small triangles (`spacing`). This limit is [`SurfaceDistance::bound`]. The errors of mean and
-//! root mean square have the same bound, but are far smaller in practice: the midpoint rule's error is of second order
-//! where d is smooth.
+//! longest edge of all small triangles (`spacing`). This limit is [`SurfaceDistance::bound`]. The errors of the mean
+//! and the root mean square have the same bound, but are far smaller in practice: the midpoint rule's error is of
+//! second order where d is smooth.
 //!
 //! # Cost
 //!
@@ -120,9 +120,9 @@ pub fn surface_distance(
 }
 
 /// Returns the distances between two surfaces with the same triangles, measured only at the vertices that a mask keeps
-/// and in the triangles between them. From these points of each surface, distances are measured to the complete other
-/// surface. Without a mask, the result is that of [`surface_distance`]. `scale` is computed from the complete first
-/// surface.
+/// and in the triangles whose corners are all kept. From these points of each surface, distances are measured to the
+/// complete other surface. Without a mask, the result is that of [`surface_distance`]. `scale` is computed from the
+/// complete first surface.
 ///
 /// # Errors
 ///
@@ -162,7 +162,7 @@ pub fn surface_distance_at(
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
 }
 
-/// A sample point of one surface far from another surface.
+/// A sample point on one surface that lies far from another surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FarSample {
     /// Position of the sample point.

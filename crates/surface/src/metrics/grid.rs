@@ -28,13 +28,13 @@ impl Grid {
         let edges: Vec<f64> = mesh.faces.iter().map(longest).collect();
         let area: f64 = areas.iter().sum();
         let wanted = wanted.max(1);
-        // Edge length of an equilateral triangle that has one point's share of the area.
+        // Edge length of an equilateral triangle whose area is the total area divided by the number of points.
         let mut step = (4.0 / 3.0_f64.sqrt() * area / wanted as f64).sqrt();
         let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
         let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();
         let most = (wanted.max(mesh.faces.len()) as u64).saturating_mul(8);
-        // Slivers have long edges and almost no area, so they can need too many points. For a surface without area,
-        // `is_normal` ends the loop.
+        // Slivers have long edges and almost no area, so a mesh with slivers could get too many points. In this case,
+        // the step is increased. For a surface without area, `is_normal` ends the loop.
         while step.is_normal() && count(step) > most {
             step *= std::f64::consts::SQRT_2;
         }

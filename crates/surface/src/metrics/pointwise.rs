@@ -1,4 +1,4 @@
-//! Measures the distance at each vertex of a reconstruction, to be displayed in colour.
+//! Measures the distance between a surface and its reconstruction at each vertex, for display in colour.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -73,8 +73,8 @@ pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
     250 * faces as u64 + 8 * points as u64
 }
 
-/// Returns the distance of each point from the nearest triangle. `none` creates the error for a point that has no
-/// nearest triangle.
+/// Returns the distance of each point from the nearest triangle. For a point that has no nearest triangle, returns the
+/// error that `none` creates.
 pub(super) fn nearest_distances(
     tree: &TriangleTree,
     points: &[Vec3],

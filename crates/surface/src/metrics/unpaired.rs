@@ -10,8 +10,8 @@ use crate::error::SurfaceError;
 use crate::geometry::{Vec3, sub};
 use crate::mesh::Mesh;
 
-/// Vertices are treated as not corresponding if the rms of their distances exceeds this multiple of the rms distance
-/// between the surfaces.
+/// Vertices with the same index are treated as not corresponding if their rms distance exceeds this multiple of the rms
+/// distance between the surfaces.
 const APART: f64 = 5.0;
 /// Maximum number of vertices whose distances are compared, and of triangles whose edges are measured.
 const MEASURED: usize = 500;
@@ -70,8 +70,8 @@ fn length(v: Vec3) -> f64 {
     v.into_iter().fold(0.0, f64::hypot)
 }
 
-/// Returns the root mean square of lengths, divided by the largest before they are squared, so that the squares stay
-/// within the range of f64.
+/// Returns the root mean square of lengths. The lengths are divided by the largest one before they are squared, so that
+/// the squares stay within the range of f64.
 fn root_mean_square(lengths: impl Iterator<Item = f64>) -> f64 {
     let lengths: Vec<f64> = lengths.collect();
     let largest = lengths.iter().copied().fold(0.0, f64::max);
@@ -86,7 +86,7 @@ impl fmt::Display for Unpaired {
         write!(
             f,
             "the rms distance between vertices with the same index is {}, but the surfaces are only {} apart: \
-             the vertices don't correspond; measure between the surfaces (--surface-distance, in Python \
+             the vertices don't correspond; measure the distance between the surfaces (--surface-distance, in Python \
              surface_distance=True)",
             number(self.rms),
             number(self.between)
@@ -112,11 +112,13 @@ mod tests {
         };
         let warning = found(&turned, None).expect("a warning");
         assert!(warning.rms > 0.5 && warning.between < 0.01, "{warning:?}");
-        assert!(warning.to_string().contains("the vertices don't correspond; measure between the surfaces"));
+        assert!(
+            warning.to_string().contains("the vertices don't correspond; measure the distance between the surfaces")
+        );
         let half: Vec<bool> = ball.vertices.iter().map(|v| v[2] > 0.0).collect();
         assert!(found(&turned, Some(&half)).is_some());
         assert_eq!([found(&larger, None), found(&ball, None)], [None, None]);
-        // Moving a single vertex gives no warning, since the other vertices still correspond.
+        // If a single vertex is moved, no warning is given, since the other vertices still correspond.
         let mut edited = ball.clone();
         edited.vertices[1] = [0.0, 0.0, 50.0];
         assert_eq!(found(&edited, None), None);

@@ -9,13 +9,15 @@ use crate::geometry::sub;
 use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
-/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
-/// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
-/// and 0.82 to 0.89 for hippocampi of the other side.
+/// A member is reported as mirrored if the distance of its mirror image from the other members is below this multiple
+/// of the member's own distance from them. The quotient of the two distances is 0.97 or more for bodies that equal
+/// their mirror images, and 0.82 to 0.89 for hippocampi of the other side.
 pub const NEARER_MIRRORED: f64 = 0.94;
-/// Number of steps by which a mirror image, or a member after a half-turn, moves towards the other members.
+/// Number of steps towards the other members by which the pose of a mirror image, or of a member after a half-turn, is
+/// improved.
 const CHANGED_STEPS: usize = 3;
-/// A half-turn is applied to a member if it reduces the member's distance from the others by more than this factor.
+/// A half-turn is applied to a member if it reduces the member's distance from the other members by more than this
+/// factor.
 const MUCH_NEARER: f64 = 1.5;
 /// If a member fits the others after a half-turn about as well as after a reflection, the member equals its mirror
 /// image, and its pose is wrong by a half-turn. This is assumed if the distance after the half-turn is at most this
@@ -23,12 +25,12 @@ const MUCH_NEARER: f64 = 1.5;
 const TURNED: f64 = 1.03;
 
 impl Group<'_> {
-    /// Returns warnings for members whose mirror images are nearer to the others. Each member is reflected in the three
-    /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
-    /// its mirror image may fit better after a reflection only because its pose is wrong. In this case, it also fits
-    /// after a half-turn about one of the axes, and the warning reports a doubtful pose. In a group with members of
-    /// both body sides, the median distance from the others can't distinguish the sides. Root mean square distances are
-    /// therefore compared.
+    /// Returns warnings for members whose mirror images are nearer to the other members than the members themselves.
+    /// Each member is reflected in the three planes spanned by the typical member's principal axes, and in the typical
+    /// member's centre. A body that equals its mirror image may fit better after a reflection only because its pose is
+    /// wrong. In this case, it also fits after a half-turn about one of the axes, and the warning reports a doubtful
+    /// pose. Root mean square distances are compared, because in a group with members of both body sides, the median
+    /// distance from the other members can't distinguish the sides.
     pub(super) fn mirrored(
         &self,
         motions: &[Similarity],
@@ -84,8 +86,8 @@ impl Group<'_> {
         )
     }
 
-    /// Applies each change to a member and moves the result towards the others. Returns the best pose found, and its
-    /// distance from the others.
+    /// Applies each change to a member and moves the result towards the other members. Returns the best of the
+    /// resulting poses, and the member's distance from the other members in this pose.
     fn best_changed(
         &self,
         member: usize,

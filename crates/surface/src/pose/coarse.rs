@@ -1,8 +1,8 @@
 //! Measures the distances between two surfaces in thousands of poses, from few points.
 //!
-//! The nearest piece of a surface is found with a table ([`Grid`]). Points are processed in groups: the arithmetic on a
-//! group is a loop over plain arrays, which compilers turn into vector instructions, so that only the table and the
-//! pieces are read one by one. A pose takes about 512 searches. The results have the same bits on every processor,
+//! The nearest piece of a surface is found with a table ([`Grid`]). Points are processed in groups. The arithmetic on a
+//! group is a loop over plain arrays, which compilers turn into vector instructions; only the table's entries and the
+//! pieces are looked up one by one. A pose takes about 512 searches. The results have the same bits on every processor,
 //! because each point's arithmetic and the order of the sum are fixed.
 
 use multiversion::multiversion;
@@ -14,7 +14,8 @@ use crate::geometry::Vec3;
 use crate::similarity::Similarity;
 
 /// Returns the mean distance between the surfaces, in both directions, after a motion of `moving`. The distance of a
-/// point is that to the disk which the nearest piece represents, as in [`icp`](super::icp). No distances are trimmed.
+/// point is measured to the disk that stands for the nearest piece, as in [`icp`](super::icp). No distances are
+/// trimmed.
 pub(super) fn mean_distance(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity) -> f64 {
     let (a, b) = (moving.view(Density::Few), fixed.view(Density::Few));
     let there = sum_of_distances(&a.asking.points, motion, 1.0, b.pieces, &fixed.grid);
@@ -37,7 +38,7 @@ fn sum_of_distances(points: &[Vec3], motion: &Similarity, factor: f64, pieces: &
     sum
 }
 
-/// Returns the distance of each point of a group.
+/// Returns the distance of each point in a group from the nearest piece of a surface.
 #[inline(always)]
 fn distances(points: &[Vec3; LANES], motion: &Similarity, pieces: &Level, grid: &Grid) -> Lanes {
     let Similarity { orthogonal: q, scale, translation } = motion;
@@ -75,7 +76,7 @@ mod tests {
     use crate::geometry::{dot, sub};
     use crate::matrix3::of_quaternion;
 
-    /// Compares bits with a computation point by point.
+    /// Checks that the result has the same bits as a computation of one point after another.
     #[test]
     fn groups_have_the_distances_of_their_points() {
         let ball = icosphere(3);

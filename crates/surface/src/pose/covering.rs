@@ -17,7 +17,8 @@ const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 /// Side of the cubes of the lattice of rotation vectors, in radians.
 const SIDE: f64 = 0.33;
 
-/// Returns a set of rotations such that every rotation is near one of them. The rotations of a cube come first.
+/// Returns a set of rotations such that every rotation is near a rotation in the set. The rotations of a cube come
+/// first.
 pub(super) fn covering() -> Vec<Matrix3> {
     let group = group();
     let (cube, icosahedron) = group.split_at(CUBE);

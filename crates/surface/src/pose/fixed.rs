@@ -12,9 +12,9 @@ use crate::similarity::Similarity;
 const EXACT: f64 = 1e-3;
 
 impl Pose {
-    /// Returns the distance in this pose, for comparison with the best of all poses, and the settings of the search for
-    /// the best of all poses. If size explains the difference between the surfaces, both distances are those after
-    /// scaling the moving surface to the size of the fixed one.
+    /// Returns the distance in this pose, and the settings of a search over all poses whose result can be compared with
+    /// it. If size explains the difference between the surfaces, both distances are measured after scaling the moving
+    /// surface to the size of the fixed surface.
     #[must_use]
     pub fn compared(&self, params: &PoseParams) -> (f64, PoseParams) {
         let distance = self.at_one_size.map_or(self.distance, |scaled| scaled.distance);
@@ -32,7 +32,7 @@ pub struct FixedSurface {
 }
 
 impl FixedSurface {
-    /// Prepares a mesh; `None` in the cases of [`PoseSurface::new`].
+    /// Prepares a mesh as the fixed surface. Returns `None` in the same cases as [`PoseSurface::new`].
     #[must_use]
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let mirrored = PoseSurface::new(&Similarity::reflection().apply_mesh(mesh))?;
@@ -64,7 +64,8 @@ impl FixedSurface {
             return Ok((found, None));
         }
         let mirrored = nearest(moving, &self.mirrored, &any, monitor)?.distance;
-        // The mirror image of a single body may be somewhat nearer by chance, so a factor is required.
+        // The mirror image of a single body may be somewhat nearer by chance, so a warning is given only if it is
+        // nearer by the factor `CLOSE`.
         let is_nearer = CLOSE * mirrored < distance;
         Ok((found, is_nearer.then_some(NearerMirrored { distance, mirrored })))
     }

@@ -1,4 +1,4 @@
-//! Finds the nearest piece of a surface quickly but approximately, from a table over the cells of a box.
+//! Finds the nearest piece of a surface quickly but approximately, with a lookup table over the cells of a box.
 //!
 //! A table is used because thousands of rotations are evaluated before any is improved, and each search in a tree would
 //! take 0.15 us. For each cell, the table has the point nearest to the cell's middle. For a position outside of the
@@ -10,7 +10,7 @@ use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};
 use crate::matrix3::{Matrix3, times, transposed};
 
-/// Approximate number of cells in a table.
+/// Approximate number of cells in the table.
 const CELLS: f64 = 32_768.0;
 /// Width of the margin around the surface's own box, in cells.
 const MARGIN: f64 = 4.0;
@@ -18,7 +18,7 @@ const MARGIN: f64 = 4.0;
 /// Number of points in a group whose nearest pieces are found together.
 pub(super) const LANES: usize = 16;
 
-/// A coordinate of each point of a group.
+/// One coordinate of all points in a group.
 pub(super) type Lanes = [f64; LANES];
 
 pub(super) struct Grid {
@@ -30,8 +30,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Builds the table of nearest points from the points of a level, at most 65,536. `axes` has the axes of the
-    /// table's box in its rows.
+    /// Builds the table from the points of a level, of which there may be at most 65,536. The rows of `axes` are the
+    /// axes of the table's box.
     pub(super) fn new(level: &Level, axes: &Matrix3) -> Self {
         let (low, high) = crate::geometry::bounds(level.points.iter().map(|p| times(axes, *p)));
         let sides = sub(high, low);
@@ -65,10 +65,10 @@ impl Grid {
 }
 
 impl Grid {
-    /// Returns for each position of a group what [`nearest`](Self::nearest) returns. `p` has one array per coordinate.
+    /// Returns the result of [`nearest`](Self::nearest) for each position in a group. `p` has one array per coordinate.
     #[inline(always)]
     pub(super) fn nearest_of_group(&self, p: &[Lanes; 3]) -> [usize; LANES] {
-        // Coordinates of cells are small integers, with which computing in f64 is exact.
+        // Coordinates of cells are small integers, so arithmetic on them in f64 is exact.
         let [_, rows, columns] = self.counts.map(|count| count as f64);
         let mut cell = [[0.0; LANES]; 3];
         for (k, cell) in cell.iter_mut().enumerate() {

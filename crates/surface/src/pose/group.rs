@@ -59,8 +59,9 @@ pub struct GroupPoses {
     pub warnings: Vec<GroupPoseWarning>,
 }
 
-/// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads, and
-/// several times that if the sizes differ. With `scale`, all members are scaled to the geometric mean of their sizes.
+/// Aligns a group of surfaces, as described at the top of this module. This takes about 30 ms per surface on two
+/// threads, and several times as long if the sizes differ. With `scale`, all members are scaled to the geometric mean
+/// of their sizes.
 ///
 /// # Errors
 ///
@@ -80,8 +81,8 @@ pub fn group_poses(
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
     let mut found = Group { surfaces, params, monitor }.aligned(params.scale)?;
     // If size explains the difference from the typical member for at least half of the other members, the group is
-    // aligned at one size. The reason is that bodies that differ in size, compared at their own sizes, have wrong poses
-    // that are nearly as good as the right ones.
+    // aligned at one size. The reason is that if bodies of different sizes are compared at their own sizes, wrong poses
+    // may be nearly as good as the right ones.
     let explained = found.at_one_size.iter().flatten().count();
     if 2 * explained >= count - 1 && explained > 0 {
         let scaling = PoseParams { scale: true, ..*params };
@@ -219,15 +220,15 @@ impl Group<'_> {
         least(&self.distances(motions))
     }
 
-    /// Returns at most `most` members other than `member`, evenly spaced in the list.
+    /// Returns at most `most` members other than `member`, evenly spaced in the list of members.
     fn others(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
         let count = self.surfaces.len();
         let taken = most.min(count - 1);
         (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken) % count)
     }
 
-    /// Returns at most `most` members other than `member`, spread over the list. If two kinds of members alternate in
-    /// the list, both kinds are returned.
+    /// Returns at most `most` members other than `member`, spread over the list of members. If two kinds of members
+    /// alternate in the list, members of both kinds are returned.
     fn spread(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
         let count = self.surfaces.len();
         let taken = most.min(count - 1);
@@ -240,8 +241,8 @@ impl Group<'_> {
         (0..motions.len()).into_par_iter().map(of).collect()
     }
 
-    /// Returns the median distance of a member in a given pose from the others in their poses. The median ignores
-    /// outliers among the others.
+    /// Returns the median of a member's distances from the other members, for a given pose of the member. The median
+    /// isn't affected by outliers among the other members.
     fn distance_of(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
         let view = self.surfaces[member].view(Density::Some);
         let others: Vec<usize> = self.others(member, OTHERS).collect();
@@ -300,7 +301,7 @@ impl Group<'_> {
         Ok((motions, doubts))
     }
 
-    /// Returns a member's pose after one step towards others.
+    /// Returns a member's pose after one step towards other members.
     pub(super) fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
         let rounds = icp::Rounds {
             most: 1,
@@ -313,8 +314,8 @@ impl Group<'_> {
         icp::step_to_all(self.surfaces[member].view(Density::Some), others, motion, &rounds)
     }
 
-    /// Selects, from the members with which `member` is compared, those for which `chosen` is true. Returns their
-    /// points and poses.
+    /// Returns the points and poses of those members for which `chosen` is true, among the members with which `member`
+    /// is compared.
     pub(super) fn seen(
         &self,
         member: usize,

@@ -29,8 +29,8 @@ use crate::similarity::Similarity;
 /// Largest rotation of one step, in radians. Steps must be small, since they are computed to first order.
 const LARGEST_TURN: f64 = 0.6;
 
-/// In a step towards several surfaces, a pair whose distance is this multiple of the pairs' median distance has half of
-/// the full weight.
+/// In a step towards several surfaces, the distance, as a multiple of the pairs' median distance, at which a pair has
+/// half of the full weight.
 const HALF: f64 = 1.5;
 
 /// Settings for the rounds that [`improved`] and [`step_to_all`] run.
@@ -38,9 +38,9 @@ const HALF: f64 = 1.5;
 pub(super) struct Rounds {
     /// Largest number of rounds.
     pub(super) most: usize,
-    /// Rounds end when points move by less than this length, in the unit of the surfaces.
+    /// Root mean square movement of the points at which rounds end, in the unit of the surfaces.
     pub(super) rest: f64,
-    /// Rounds end when the relative decrease of the sum of squared distances is below this value.
+    /// Relative decrease of the sum of squared distances below which rounds end.
     pub(super) gain: f64,
     /// Share of the pairs to exclude. Those with the largest distances are excluded.
     pub(super) trimmed: f64,
@@ -181,7 +181,7 @@ struct Equations {
     offs: Vec3,
     turns: Vec3,
     growth: f64,
-    /// Sum of the weights.
+    /// Sum of the weights of the pairs.
     total: f64,
 }
 
@@ -223,8 +223,8 @@ impl Equations {
         self.growth += dot(arm, weighted_off);
     }
 
-    /// Adds the point-to-point terms, multiplied by a weight. A point-to-point term equals the sum of three
-    /// point-to-plane terms with the axes as normals.
+    /// Adds the point-to-point term of each pair, multiplied by a weight. This term equals the sum of three
+    /// point-to-plane terms whose normals are the coordinate axes.
     fn with_points(mut self, weight: f64) -> Self {
         let square = self.spread();
         for i in 0..3 {
@@ -241,13 +241,13 @@ impl Equations {
         self
     }
 
-    /// Returns the weighted sum of squared distances from the centre.
+    /// Returns the weighted sum of the points' squared distances from the centre.
     fn spread(&self) -> f64 {
         self.arms[0][0] + self.arms[1][1] + self.arms[2][2]
     }
 
-    /// Returns the motion that minimises the sum of squares, and an upper bound of the root mean square distance by
-    /// which it moves the points. `None` if the motion is undetermined or not finite.
+    /// Returns the motion that minimises the sum of squares, and an upper bound on the root mean square distance by
+    /// which it moves the points. Returns `None` if the motion is undetermined or not finite.
     fn step(&self, with_scale: bool) -> Option<(Similarity, f64)> {
         let unknowns = if with_scale { UNKNOWNS } else { UNKNOWNS - 1 };
         let x = solved(&self.matrix, &self.right, unknowns)?;
@@ -276,7 +276,7 @@ fn solved(matrix: &[[f64; UNKNOWNS]; UNKNOWNS], right: &[f64; UNKNOWNS], unknown
                 l[i][j] -= l[i][k] * l[j][k];
             }
         }
-        // If a pivot is below the rounding error of the numbers subtracted, the unknown is undetermined.
+        // If a pivot is below the rounding error of the numbers subtracted from it, the unknown is undetermined.
         if l[j][j].is_nan() || l[j][j] <= 1e-13 * diagonal {
             return None;
         }

@@ -1,10 +1,11 @@
-//! Represents a surface by points, each with a disk of the surface's area, and finds the point nearest to a position.
+//! Represents a surface by points, each of which stands for a disk-shaped piece of the surface, and finds the point
+//! nearest to a position.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use crate::geometry::Vec3;
 
-/// Points on a surface. Each represents a disk with the point's share of the area.
+/// Points on a surface. Each point stands for a disk that has the point's share of the area.
 pub(super) struct Level {
     pub(super) points: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,

@@ -1,8 +1,8 @@
-//! Finds the motion that brings one surface onto another. Only the two surfaces are used.
+//! Finds the motion that brings one surface onto another, from the two surfaces alone.
 //!
-//! A pose based on distances between points of equal direction would depend on the mapping of each surface to the
-//! sphere. The pose found here depends only on the surfaces, which can have any topology and triangles. With d the
-//! distance of a point from the other surface, the pose minimises
+//! The surfaces can have any topology and triangles. A pose based on distances between points that have the same
+//! direction on the sphere would depend on the mapping of each surface to the sphere; the pose found here doesn't. With
+//! d the distance of a point from the other surface, the pose minimises
 //!
 //! ```text
 //! distance^2 = mean of the least 1 - trimmed of { d(x_i, B)^2, d(y_j, A)^2 },   x_i on A, y_j on B
@@ -70,7 +70,7 @@ pub enum PoseSearch {
 pub struct PoseParams {
     /// The poses from which the search starts; all rotations by default.
     pub search: PoseSearch,
-    /// Whether the moving surface is scaled to the size of the fixed surface; `false` by default.
+    /// Whether to scale the moving surface to the size of the fixed surface; `false` by default.
     pub scale: bool,
     /// Whether mirror images of the moving surface are allowed; `false` by default.
     pub mirror: bool,
@@ -120,11 +120,11 @@ impl Pose {
 /// Angle, in radians, up to which two rotations are treated as the same optimum. The angle is 15 degrees.
 pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 
-/// The search improves this number of starts: the rotations of the covering with the smallest distances.
+/// Number of starts that the search improves: the rotations of the covering with the smallest distances.
 const STARTS: usize = 32;
 
-/// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
-/// still slide along each other.
+/// Relative decrease of the sum of squared distances below which rounds end, even if the surfaces still slide along
+/// each other.
 const GAIN: f64 = 2e-3;
 
 /// A stage of the search, with the number of points and rounds, and the number of results for the next stage.
@@ -132,7 +132,7 @@ struct Stage {
     density: Density,
     rounds: usize,
     tangential: f64,
-    /// Rounds end when points move by less than this length, relative to the fixed surface's size.
+    /// Movement of the points at which rounds end, relative to the fixed surface's size.
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
@@ -191,7 +191,7 @@ pub fn pose(
     Ok(Pose { similarity, at_one_size: Some(scaled), ..found })
 }
 
-/// Finds the motion after which the surfaces have the least distance.
+/// Finds the motion that minimises the distance between the surfaces.
 fn nearest(
     moving: &PoseSurface,
     fixed: &PoseSurface,

@@ -2,10 +2,10 @@
 //!
 //! A body fits a larger body of the same shape best if it leans against one side of the larger body, because most of
 //! its surface then lies near the larger surface. In this pose, a body that is 10 % smaller is rotated by about 5
-//! degrees, and a body that is 20 % smaller by 13 to 27 degrees. If scaling removes most of the distance between two
-//! surfaces, size explains their difference, and they are aligned at one size. A group is aligned at one size if size
-//! explains the difference from the typical member for at least half of the other members. Otherwise, surfaces are
-//! aligned at their own sizes, because a body that is cut off must not be enlarged.
+//! degrees from the correct pose, and a body that is 20 % smaller by 13 to 27 degrees. If scaling removes most of the
+//! distance between two surfaces, size explains their difference, and they are aligned at one size. A group is aligned
+//! at one size if size explains the difference from the typical member for at least half of the other members.
+//! Otherwise, surfaces are aligned at their own sizes, because a body that is cut off must not be enlarged.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
@@ -44,12 +44,12 @@ pub fn at_one_size(
     (!params.scale && explained < EXPLAINED * own).then_some(near)
 }
 
-/// A pose at one size.
+/// A pose in which the moving surface is scaled to the size of the fixed surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScaledPose {
     /// The motion, which scales the moving surface to the size of the fixed one.
     pub similarity: Similarity,
-    /// Distance between the surfaces, as for [`Pose`](super::Pose).
+    /// Distance between the surfaces in this pose, as defined in [`Pose`](super::Pose).
     pub distance: f64,
     /// Distance between the surfaces in the second best pose, if the moving surface is scaled to the size of the fixed
     /// one; like `second` of [`Pose`](super::Pose).
@@ -158,7 +158,7 @@ pub(super) fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density,
     as_it_is.min(of_one_size)
 }
 
-/// Returns a motion that also scales the moving surface to the size of the fixed one, improved by a few rounds.
+/// Adds scaling to the size of the fixed surface to a motion, and improves the result by a few rounds.
 fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
     let size = fixed.size() / moving.size();
     let translation = sub(motion.apply(moving.centre), scale(times(&motion.orthogonal, moving.centre), size));

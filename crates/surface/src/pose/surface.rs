@@ -60,8 +60,8 @@ impl View<'_> {
 }
 
 impl PoseSurface {
-    /// Spreads points over a mesh, which can have any topology and order of triangles. `None` for a mesh without area,
-    /// or with coordinates whose values or squares aren't finite.
+    /// Spreads points over a mesh, which can have any topology and order of triangles. Returns `None` for a mesh
+    /// without area, or with coordinates that aren't finite or have infinite squares.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let [few, some, all] = DENSITIES;
@@ -115,7 +115,8 @@ impl PoseSurface {
         self.area.sqrt()
     }
 
-    /// Returns the points of the densest set, which are spread evenly over the surface's area, and their normals.
+    /// Returns the points of the densest set, which are spread evenly over the surface's area, and the surface's
+    /// normals at these points.
     #[must_use]
     pub fn points(&self) -> (&[Vec3], &[Vec3]) {
         (&self.levels[2].points, &self.levels[2].normals)

@@ -6,7 +6,7 @@ use crate::generate::{SplitMix64, icosphere};
 use crate::geometry::{Vec3, dot};
 use crate::matrix3::{IDENTITY, of_quaternion, times};
 
-/// Returns an ellipsoid with bumps that no rotation or reflection maps to itself.
+/// Returns an ellipsoid with bumps, a body that no rotation or reflection maps to itself.
 pub(super) fn lump(level: u32) -> Mesh {
     let ball = icosphere(level);
     let bump = |v: &Vec3| {
@@ -23,8 +23,8 @@ fn turn(random: &mut SplitMix64) -> Matrix3 {
     of_quaternion(q.map(|v| v / length))
 }
 
-/// Returns the largest distance of the vertices from their original positions, after the motion `moved` followed by the
-/// motion `found`.
+/// Returns the largest distance between the vertices' original positions and their positions after the motion `moved`
+/// followed by the motion `found`.
 fn error(mesh: &Mesh, moved: &Similarity, found: &Similarity) -> f64 {
     let both = moved.then(found);
     let off = |v: &Vec3| dot(sub(both.apply(*v), *v), sub(both.apply(*v), *v)).sqrt();
@@ -102,7 +102,7 @@ fn what_is_symmetric_says_so() {
     assert!(differ(&found.similarity, &found.other.unwrap()));
 }
 
-/// An ellipsoid has four equally good poses. Near the given pose, only one is found.
+/// An ellipsoid has four equally good poses. The search near the given pose finds only one of them.
 #[test]
 fn a_search_near_the_given_pose_turns_nothing_over() {
     let ellipsoid = |level: u32| {

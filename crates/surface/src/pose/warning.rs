@@ -1,4 +1,4 @@
-//! Reasons to doubt the poses of a group's members.
+//! Defines warnings about poses that should be checked.
 
 mod sides;
 
@@ -12,7 +12,7 @@ pub const CLOSE: f64 = 1.5;
 /// First words of messages about doubtful poses.
 pub const IN_DOUBT: &str = "the pose is doubtful";
 
-/// A reason to doubt the pose of a member.
+/// A reason to doubt the pose of a group's member.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum GroupPoseWarning {
@@ -20,21 +20,21 @@ pub enum GroupPoseWarning {
     Doubtful {
         /// Index of the member, counted from 0.
         member: usize,
-        /// The member's distance from the others in the chosen pose.
+        /// The member's distance from the other members in the chosen pose.
         distance: f64,
-        /// The member's distance from the others in the second pose.
+        /// The member's distance from the other members in the other pose.
         second: f64,
         /// Whether only poses near the given one were considered.
         near: bool,
     },
-    /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
-    /// unit.
+    /// The member is much farther from the other members than is usual in the group. It may be of another kind or in
+    /// another unit.
     Far {
         /// Index of the member, counted from 0.
         member: usize,
-        /// The member's distance from the others.
+        /// The member's distance from the other members.
         distance: f64,
-        /// Median over all members of the distance from the others.
+        /// Median over all members of their distance from the other members.
         median: f64,
     },
     /// Only poses near the given one were considered, but another pose of the member is much better.
@@ -43,14 +43,14 @@ pub enum GroupPoseWarning {
         member: usize,
         /// The member's distance from the typical member, in the pose that was found near the given pose.
         distance: f64,
-        /// The distance in the best pose.
+        /// The member's distance from the typical member in the best pose.
         best: f64,
     },
-    /// The member's mirror image is nearer to the others, and mirror images weren't allowed.
+    /// The member's mirror image is nearer to the other members, and mirror images weren't allowed.
     Mirrored {
         /// Index of the member, counted from 0.
         member: usize,
-        /// The member's distance from the others.
+        /// The member's distance from the other members.
         distance: f64,
         /// The distance of the member's mirror image from the other members.
         mirrored: f64,
@@ -92,8 +92,8 @@ impl GroupPoseWarning {
         }
     }
 
-    /// Returns whether the warning explains why the member is far from the others: another pose or the mirror image is
-    /// much nearer, or the member is of another kind.
+    /// Returns whether the warning explains why the member is far from the other members: another pose or the mirror
+    /// image is much nearer, or the member is of another kind.
     pub(super) fn explains_distance(&self) -> bool {
         match self {
             Self::Elsewhere { .. } | Self::Far { .. } => true,

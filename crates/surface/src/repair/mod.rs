@@ -70,8 +70,8 @@ impl MeshRepair {
         *self != Self::default()
     }
 
-    /// Returns a description of the area lost by welding, the pieces dropped and the holes filled, with their shares of
-    /// the area.
+    /// Returns a description of the area lost by welding, the pieces dropped and the holes filled, each with its share
+    /// of the area.
     #[must_use]
     pub fn drops_and_fills(&self) -> String {
         self.large().into_iter().chain([self.behind_walls()]).flatten().collect::<Vec<_>>().join(", ")
@@ -133,7 +133,7 @@ impl MeshRepair {
         self.filled_area = if all > 0.0 { filled / all } else { 0.0 };
     }
 
-    /// Returns each count with its name for reports.
+    /// Returns the counts with their names, for reports.
     #[must_use]
     pub fn counts(&self) -> [(&'static str, usize); 11] {
         [
@@ -261,7 +261,7 @@ fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let on_rims = rims::weld(&mesh.vertices, &mut faces);
     found.welded += on_rims;
     if on_rims > 0 && before > 0.0 {
-        // The lost area includes triangles that are degenerate now, but not triangles that now repeat others. Both
+        // Triangles that are degenerate after welding count as lost area. Triangles that now repeat others don't. Both
         // kinds are dropped below.
         found.lost_area = (1.0 - area(&mesh.vertices, &faces) / before).max(0.0);
     }
@@ -284,7 +284,7 @@ fn drop_needless(faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     found.repeated += before - faces.len();
 }
 
-/// Returns the area of triangles.
+/// Returns the total area of the given triangles.
 fn area(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     faces.iter().map(|face| area_of(vertices, face)).sum()
 }
@@ -307,7 +307,8 @@ fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     mesh.faces.iter().map(|face| face.map(|v| place.get(v as usize).copied().unwrap_or(v))).collect()
 }
 
-/// Returns the vertices that triangles use, and the number of dropped vertices. Renumbers the triangles' corners.
+/// Drops the vertices that no triangle uses, and renumbers the triangles' corners. Returns the remaining vertices and
+/// the number of dropped vertices.
 fn compact(vertices: &[[f64; 3]], faces: &mut [[u32; 3]]) -> (Vec<[f64; 3]>, usize) {
     let mut used = vec![false; vertices.len()];
     for &corner in faces.as_flattened() {

@@ -157,7 +157,7 @@ pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &
         let filling = match rim[..] {
             [a, b, c] => vec![[a, b, c]],
             [a, b, c, d] => {
-                // A diagonal that is already an edge can't be used.
+                // A diagonal that is already an edge of the mesh can't be used.
                 let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
                 quad(vertices, [a, b, c, d], taken)
             }

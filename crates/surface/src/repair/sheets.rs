@@ -20,7 +20,7 @@ const OPEN: u32 = u32::MAX;
 /// from corner k to the next corner and has the number 3 f + k.
 type Side = (u32, u32, u32);
 
-/// Returns the sides of all triangles. Sides of the same edge are next to each other.
+/// Returns the sides of all triangles, sorted such that sides of the same edge are next to each other.
 pub(super) fn sides(faces: &[[u32; 3]]) -> Vec<Side> {
     let of = |(&[a, b, c], f): (&[u32; 3], u32)| {
         [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((p, q), side)| (p.min(q), p.max(q), side))
@@ -40,7 +40,7 @@ pub(super) fn start(faces: &[[u32; 3]], side: u32) -> u32 {
     faces[side as usize / 3][side as usize % 3]
 }
 
-/// Returns the pieces into which the surface separates if it is cut along all edges of more than two triangles.
+/// Returns the pieces that result if the surface is cut along all edges of more than two triangles.
 fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
     let mut pieces = UnionFind::new(faces.len());
     for edge in by_edge(sides) {
@@ -241,8 +241,8 @@ pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     count
 }
 
-/// Turns all triangles of a closed surface that is wound inwards, and returns whether it did. An open surface isn't
-/// changed.
+/// Turns all triangles of a closed surface that is wound inwards, and returns whether they were turned. An open surface
+/// isn't changed.
 pub(super) fn turn_closed_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> bool {
     let sides = sides(faces);
     let closed = !faces.is_empty() && by_edge(&sides).all(|edge| edge.len() == 2);
@@ -253,7 +253,7 @@ pub(super) fn turn_closed_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> 
     inwards
 }
 
-/// Returns six times the signed volume between triangles and the centre of their area.
+/// Returns six times the signed volume between the given triangles and the centre of their area.
 fn volume(vertices: &[Vec3], faces: &[[u32; 3]], group: impl Iterator<Item = usize> + Clone) -> f64 {
     let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
     let weighted = |f: usize| {

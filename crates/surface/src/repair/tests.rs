@@ -41,7 +41,7 @@ fn what_lies_on_another_is_welded_and_rims_also_where_they_nearly_meet() {
     near.vertices[7] = near.vertices[near.faces.iter().find(|face| face.contains(&7)).unwrap()[0] as usize];
     near.vertices[7][0] += 1e-12;
     assert!(!repair(&near).1.is_any());
-    // A triangle soup has corners that are off by 1e-6.
+    // The corners of a triangle soup are off by up to 1e-6.
     let ball = icosphere(3);
     let mut number = 0_u32;
     let vertices = ball.faces.as_flattened().iter().map(|&v| {
@@ -68,8 +68,8 @@ fn triangles_turn_to_the_larger_part() {
     assert_eq!((turned, found.turned), (whole, 107));
 }
 
-/// A Möbius strip of triangles has only one side. None of its triangles is turned, and filling its hole doesn't make it
-/// a sphere.
+/// A Möbius strip of triangles has only one side. The repair turns none of its triangles, and filling its hole doesn't
+/// make it a sphere.
 #[test]
 fn a_surface_with_one_side_stays() {
     let strip: Vec<[u32; 3]> = (0..7).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
@@ -289,7 +289,7 @@ fn a_hole_with_edges_in_line_with_its_middle_gets_no_triangles_without_area() {
     assert!(mended.faces.iter().all(|face| area_of(&mended.vertices, face) > 1e-3));
 }
 
-/// In a rim of four vertices, three of them on a line, only one of the two diagonals gives two triangles of nonzero
+/// If three of the four vertices of a rim lie on a line, only one of the two diagonals gives two triangles of nonzero
 /// area.
 #[test]
 fn a_rim_of_four_is_not_filled_by_a_triangle_without_area() {
@@ -312,7 +312,7 @@ fn a_closed_surface_that_is_inside_out_is_turned() {
     inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
     let (turned, found) = repair(&inside_out);
     assert_eq!((turned, found.turned), (ball.clone(), 320));
-    // Now three triangles are already wound outwards, and the mesh has a hole.
+    // Three triangles of the inside-out mesh are now wound outwards, and the mesh has a hole.
     ball.faces[..3].iter().zip(&mut inside_out.faces).for_each(|(given, face)| *face = *given);
     inside_out.faces.pop();
     let (turned, found) = repair(&inside_out);
@@ -320,7 +320,7 @@ fn a_closed_surface_that_is_inside_out_is_turned() {
     assert_eq!(turned.faces[..319], ball.faces[..319]);
 }
 
-/// The shorter diagonal of a rim with the shape of a dart lies outside of the rim, where the triangles would overlap.
+/// In a rim with the shape of a dart, the shorter diagonal lies outside of the rim, where the triangles would overlap.
 #[test]
 fn a_rim_with_the_shape_of_a_dart_is_filled_inside() {
     let vertices = vec![[0.0, 0.0, 0.0], [3.0, 0.4, 0.0], [1.0, 0.0, 0.0], [3.0, -0.4, 0.0], [1.0, 0.0, 3.0]];

@@ -1,4 +1,4 @@
-//! Describes the closed surface that takes the place of a mesh.
+//! Describes the closed surface (wrap) that replaces a mesh.
 
 use std::fmt;
 
@@ -36,7 +36,8 @@ pub struct Wrap {
 }
 
 impl Wrap {
-    /// Returns the share of the mesh's area or the share of the body's voxels that the wrap loses, whichever is larger.
+    /// Returns the larger of two shares that the wrap loses: the share of the mesh's area and the share of the body's
+    /// voxels.
     #[must_use]
     pub fn loss(&self) -> f64 {
         self.lost_area.max(self.left_out)

@@ -2,7 +2,7 @@
 
 use crate::geometry::{Vec3, add, dot, sub};
 
-/// A triangle and the number of layers that it is cut into.
+/// A triangle, and the number of layers into which it is cut.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cut {
     /// The vertex opposite the shortest edge (the apex), then the ends of that edge.
@@ -73,7 +73,7 @@ impl Cut {
     }
 }
 
-/// Estimates the distance of a large triangle from the centre of the unit sphere, from a few points of the triangle.
+/// Estimates, from a few points of a large triangle, how near the triangle comes to the centre of the unit sphere.
 /// Samples of such a triangle are farther apart on the sphere than on the triangle. Returns at least 0.1, and 1 for
 /// triangles that aren't large.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
@@ -95,8 +95,8 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// distance from the apex, because the triangle's width is proportional to s. The nodes are the roots of the polynomial
 /// `s^2 + b s + c` that is orthogonal to 1 and s. Half of each weight is returned, because each node gives two samples.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // m_k is the integral of s u^k du from -1 to 1, with s = middle + half u. These moments about the layer's middle
-    // avoid cancellation. In terms of u, the polynomial is u^2 + b u + c.
+    // m_k is the integral of s u^k du over u from -1 to 1, where s = middle + half u. These moments about the layer's
+    // middle avoid cancellation. In terms of u, the polynomial is u^2 + b u + c.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;

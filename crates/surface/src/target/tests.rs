@@ -66,7 +66,8 @@ fn a_sphere_that_turns_a_surface_inside_out_is_a_warning() {
     assert!(expected[0].to_string().starts_with("the sphere rh.sphere reverses the orientation of the surface; "));
     assert!(warnings(&surface, &outward).is_empty());
     assert!(warnings(&inside_out, &mirrored).is_empty(), "both wind inwards");
-    // The winding of the surface's own triangles doesn't matter. Only the orientation of the map matters.
+    // The winding of the surface's own triangles doesn't matter, only the orientation of the map from sphere to
+    // surface.
     let mut rewound = surface;
     rewound.faces.iter_mut().for_each(|face| face.swap(0, 1));
     assert!(warnings(&rewound, &outward).is_empty());

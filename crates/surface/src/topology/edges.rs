@@ -4,7 +4,7 @@ use super::is_degenerate;
 use super::union_find::UnionFind;
 use crate::mesh::Mesh;
 
-/// Numbers of edges and vertices of each kind, as returned by [`count`].
+/// Numbers of edges of each kind, and of vertices with several fans of triangles, as returned by [`count`].
 #[derive(Debug, Default)]
 pub(super) struct EdgeCounts {
     pub(super) edges: usize,
@@ -14,8 +14,8 @@ pub(super) struct EdgeCounts {
     pub(super) non_manifold_vertices: usize,
 }
 
-/// Returns the half-edge (or corner) that follows h in its triangle. Half-edge h = 3 * face + k runs from corner k of
-/// the face to corner k + 1. Corner h is the start of half-edge h.
+/// Returns the half-edge (or corner) that follows h in its triangle. The half-edge with number 3 * face + k runs from
+/// corner k of the face to the next corner. The corner with the same number is where the half-edge starts.
 fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
@@ -27,7 +27,8 @@ struct Buckets {
 }
 
 impl Buckets {
-    /// Sorts (bucket, item) pairs into buckets by counting. `list` is called twice and must produce the same pairs.
+    /// Sorts (bucket, item) pairs into buckets by counting. `list` is called twice and must produce the same pairs both
+    /// times.
     fn new<I: Iterator<Item = (u32, (u32, u32))>>(buckets: usize, list: impl Fn() -> I) -> Self {
         let mut starts = vec![0_u32; buckets + 1];
         for (bucket, _) in list() {
@@ -58,16 +59,16 @@ impl Buckets {
     }
 }
 
-/// Returns the half-edges of all triangles that aren't degenerate, each as its lower vertex index, its higher
-/// vertex index and its own number.
+/// Returns the half-edges of all triangles that aren't degenerate. Each half-edge is given by its lower vertex index,
+/// its higher vertex index and its own number.
 fn half_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, (u32, u32))> {
     faces.iter().zip(0_u32..).filter(|(face, _)| !is_degenerate(**face)).flat_map(|(&[a, b, c], f)| {
         [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((from, to), h)| (from.min(to), (from.max(to), h)))
     })
 }
 
-/// Returns whether a surface has only one side: whichever triangles are turned, two triangles at some edge still have
-/// inconsistent windings.
+/// Returns whether a surface has only one side. This is the case if, whichever triangles are turned, the two triangles
+/// at some edge have inconsistent windings.
 pub(super) fn is_one_sided(mesh: &Mesh) -> bool {
     let faces = &mesh.faces;
     let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];
@@ -115,7 +116,7 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
         }
     });
 
-    // A vertex whose corners are in two sets has two fans. Sets are numbered from 1, since 0 means that no set was
+    // A vertex whose corners are in two sets has two fans. Sets are numbered from 1, since 0 means that no set has been
     // seen yet.
     let mut fan = vec![0_u32; vertices];
     let mut several = vec![false; vertices];

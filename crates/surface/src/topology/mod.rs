@@ -3,11 +3,11 @@
 //! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that could
 //! prevent such a map. [`Topology::problems`] describes the problems in sentences.
 //!
-//! The counts need two passes, which take O(vertices + faces) time, and a sort of the coordinates. Half-edges are
+//! The counts take two passes over the mesh in O(vertices + faces) time, and a sort of the coordinates. Half-edges are
 //! sorted into one bucket per vertex, by the smaller of their two vertices (a counting sort), so half-edges of the same
 //! edge are next to each other. Corners at the same end of an edge are joined (union-find), which reveals vertices
 //! where two fans of triangles touch. 40,962 vertices take 9 ms. 10.5 million vertices take 4.7 s on one core of a
-//! small server, and 1.3 GB for mesh and working memory.
+//! small server, and 1.3 GB of memory for the mesh and the computation.
 
 mod edges;
 mod union_find;
@@ -32,7 +32,7 @@ pub struct Topology {
     pub non_manifold_edges: usize,
     /// Number of vertices whose triangles form more than one fan, such as a point where two cones touch.
     pub non_manifold_vertices: usize,
-    /// Number of edges whose two triangles have the edge in the same direction, so one of the triangles is reversed.
+    /// Number of edges that run in the same direction in both of their triangles, so one of the triangles is reversed.
     pub inconsistent_edges: usize,
     /// Whether the surface has only one side. In a one-sided surface, turning triangles can't make all edges
     /// consistent.
@@ -79,7 +79,7 @@ impl Topology {
             degenerate_faces += usize::from(is_degenerate([a, b, c]));
         }
         let unreferenced_vertices = referenced.iter().filter(|&&used| !used).count();
-        // Each unreferenced vertex is a separate set, which isn't a component.
+        // Each unreferenced vertex is a separate set that doesn't count as a component.
         let components = pieces.sets() - unreferenced_vertices;
         drop(pieces);
         let edges = edges::count(mesh);
@@ -187,7 +187,8 @@ impl Topology {
     }
 }
 
-/// Returns the number of triangles that only one of two lists has, regardless of order, first corner and winding.
+/// Returns the number of triangles that occur in only one of two lists. The triangles' order, first corner and winding
+/// are ignored.
 #[must_use]
 pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
     let sorted = |faces: &[[u32; 3]]| {
@@ -276,7 +277,7 @@ fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     duplicates
 }
 
-/// Mixes all bits of a number. The map is a bijection, the finaliser of SplitMix64.
+/// Mixes all bits of a number by a bijection, the finaliser of SplitMix64.
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

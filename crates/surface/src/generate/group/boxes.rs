@@ -30,15 +30,15 @@ fn with_bump(mut x: Vec3, half: f64, [t, s]: [f64; 2], height: f64, width: f64) 
     x
 }
 
-/// Returns the point of the tapered box in direction u, with a bump at `place`.
+/// Returns the point in direction u of the tapered box with a bump at `place`.
 pub(super) fn tapered(u: Vec3, place: [f64; 2], height: f64) -> Vec3 {
     let mut x = superellipsoid(u, HALF, 4);
     x[1] *= 1.0 - TAPER * x[0] / HALF[0];
     with_bump(x, HALF[2], place, height, WIDTH)
 }
 
-/// Returns the point in direction u of the box with the sharp bump at x = t. The box has the lengths of the prototype
-/// `bump.py`, multiplied by 10.
+/// Returns the point in direction u of the box with the sharp bump at x = t. All lengths are ten times those in the
+/// prototype `bump.py`.
 pub(super) fn sharp(u: Vec3, t: f64) -> Vec3 {
     let (half, height, width) = SHARP;
     with_bump(superellipsoid(u, half, 8), half[2], [t, 0.0], height, width)
@@ -60,8 +60,8 @@ const ENDS: [(&str, Vec3); 3] = [("end-0", [-1.0, 0.0, 0.0]), ("end-1", [1.0, 0.
 /// one width from the bump's middle.
 pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64) -> Vec<(&'static str, Vec3)> {
     let mut found: Vec<(&str, Vec3)> = fixed(&point, HALF);
-    // Returns the point of the upper side above (x, y). The height is that of the superellipsoid at the corresponding
-    // point before the taper.
+    // Returns the point on the box's upper side with the given x and y. Its height without the bump is that of the
+    // superellipsoid before the taper, at the point that the taper moves to (x, y).
     let above = |x: f64, y: f64| {
         let plain = y / (1.0 - TAPER * x / HALF[0]);
         let z = HALF[2] * (1.0 - (x / HALF[0]).powi(4) - (plain / HALF[1]).powi(4)).max(0.0).powf(0.25);

@@ -21,7 +21,7 @@
 //! The members of `SharpBump` at positions t and -t are congruent. A single parameter varies evenly from member to
 //! member; two parameters are drawn at random. No rotation maps a member to itself, except half turns of ellipsoids and
 //! symmetries of the sharp bump's box. The places of a member are therefore determined by its shape alone, not by its
-//! mesh. A mesh is made from an icosphere in a random rotation or, for rings, from a grid of random size and phase. The
+//! mesh. A mesh is made from a randomly rotated icosphere or, for rings, from a grid of random size and phase, and the
 //! order of its vertices and triangles is shuffled. Therefore neither the vertices nor the triangles of two members
 //! correspond.
 

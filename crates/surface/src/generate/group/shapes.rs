@@ -44,14 +44,14 @@ pub(super) fn ellipsoid_places(axes: &[f64]) -> Vec<(&'static str, Vec3)> {
     at.into_iter().map(|(name, u)| (name, ellipsoid(axes, u))).collect()
 }
 
-/// Returns the x coordinate at which the shaft ends and the knob begins. The shaft and the knob have the same circular
-/// section there.
+/// Returns the x coordinate at which the shaft ends and the knob begins. At this coordinate, the shaft and the knob
+/// have the same circular cross-section.
 fn junction(length: f64) -> f64 {
     length - (KNOB * KNOB - SHAFT * SHAFT).sqrt()
 }
 
-/// Returns the point of a rod at the coordinate x and at an angle around the shaft. The circular section is flattened
-/// and bent.
+/// Returns the point of a rod at coordinate x and at the given angle around the shaft. The rod's circular
+/// cross-sections are flattened along z, and displaced where the rod bends.
 fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     let square = if x < 0.0 {
         SHAFT * SHAFT - x * x
@@ -103,15 +103,15 @@ fn on_ring(around: f64, across: f64, parameters: &[f64]) -> Vec3 {
     [radius * around.cos(), radius * around.sin(), tube * across.sin() + WARP * (2.0 * around).cos()]
 }
 
-/// Returns a ring, meshed by a grid of random size and phase.
+/// Returns a ring, meshed with a grid of random size and phase.
 pub(super) fn ring(parameters: &[f64], subdivisions: u32, random: &mut SplitMix64) -> Mesh {
     // The grid has three times as many vertices around the ring as around the tube, because the ring is longer.
     let most = icosphere_counts(subdivisions)[0] as f64;
     let across = ((most / 3.0).sqrt() * random.between(0.85, 1.0)).max(4.0) as u32;
     let around = (3.0 * f64::from(across) * random.between(0.9, 1.0)).max(4.0) as u32;
     let phases = [random.between(0.0, TAU), random.between(0.0, TAU)];
-    // Each row is shifted by part of a cell relative to the previous one. The shifts sum to complete turns, so the grid
-    // closes.
+    // Each row is shifted by a fraction of a cell relative to the previous row. The shifts add up to complete turns, so
+    // that the grid closes.
     let slant = (random.between(0.0, 3.0) as u32).min(2);
     let vertices = (0..around * across).map(|index| {
         let (i, j) = (f64::from(index / across) / f64::from(around), f64::from(index % across) / f64::from(across));

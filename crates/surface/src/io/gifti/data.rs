@@ -77,7 +77,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         }
     };
     let (rows, columns, count) = shape(description)?;
-    // Minimum number of bytes per value: two in ASCII, 4/3 of the binary size in base64.
+    // Smallest number of bytes that a value takes: two in ASCII, 4/3 of the binary size in base64.
     let values = match description.encoding.as_str() {
         "ASCII" => {
             // One byte is added to the length, because the last value needs no separator after it.
@@ -118,9 +118,9 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
     Ok(Array { values, rows, columns })
 }
 
-/// Checks that compressed text can hold `count` values, and subtracts their bytes from `left`.
+/// Checks that compressed text can hold `count` values, and subtracts the size of these values from `left`.
 fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Result<usize, Flaw> {
-    /// Largest number of bytes that a byte of Deflate's output can expand to.
+    /// Largest number of bytes to which one byte of data compressed by Deflate can expand.
     const DEFLATED: u64 = 1032;
     let bytes = count.saturating_mul(data_type.size() as u64);
     if bytes / DEFLATED > text as u64 {
@@ -213,7 +213,8 @@ fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
 
 /// Inflates zlib or gzip data. Stops one byte beyond `size`, so that callers can detect excess data.
 fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
-    // Numbers seldom compress more than tenfold. Beyond 64-fold, memory is allocated only as the bytes arrive.
+    // Numbers seldom compress more than tenfold. Memory for an expansion of up to 64-fold is allocated in advance, and
+    // more only as the bytes arrive.
     let likely = packed.len().saturating_mul(64);
     let mut raw = Vec::with_capacity(size.min(likely).saturating_add(1));
     let limit = size as u64 + 1;

@@ -42,7 +42,7 @@ pub fn read_gifti_metadata(path: impl AsRef<Path>) -> Option<Vec<(String, String
         let line = line.ok()?;
         let line = String::from_utf8_lossy(&line);
         if let Some((before, _)) = line.split_once("<DataArray") {
-            // Close the root element, so that the text before the array is a whole document.
+            // Close the root element, so that the text before the first array is a complete document.
             let document = format!("{head}{before}</GIFTI>");
             return Some(xml::parse(&document).ok()?.metadata);
         }
@@ -55,7 +55,7 @@ pub fn read_gifti_metadata(path: impl AsRef<Path>) -> Option<Vec<(String, String
 /// Intent of arrays of labels.
 const LABEL: &str = "NIFTI_INTENT_LABEL";
 
-/// Keys and names of labels.
+/// The keys and names of a file's labels.
 pub(super) type LabelTable = Vec<(i64, String)>;
 
 /// Reads the LabelTable of a file and the label of each vertex.
@@ -153,7 +153,7 @@ fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
             ));
         }
     }
-    // The sum can't overflow, since the values of all columns are already in memory.
+    // The sum of the columns can't overflow, since the values of all columns are already in memory.
     let channels = arrays.iter().map(|a| a.columns).sum();
     if let [array] = arrays.as_slice() {
         return Ok(Signal::new(array.values.clone(), vertices, channels));

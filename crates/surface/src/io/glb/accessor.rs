@@ -1,5 +1,5 @@
-//! Reads arrays: an accessor describes numbers in a view of a buffer (sections 3.6.2 and 5.1 of the glTF
-//! specification).
+//! Reads arrays. An array is described by an accessor, which refers to bytes in a view of a buffer (sections 3.6.2 and
+//! 5.1 of the glTF specification).
 //!
 //! Elements start at the view's offset plus the accessor's offset and are `stride` bytes apart. A sparse accessor
 //! replaces some elements of its array, or of an array of zeros if the accessor has no array. All bounds are checked
@@ -29,7 +29,8 @@ fn is_unsigned(component: Scalar) -> bool {
     matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
 }
 
-/// Returns the number that the first bytes encode. Returns 0 if there are too few bytes, which callers rule out.
+/// Returns the number encoded in the first of the given bytes. Returns 0 if there are too few bytes, which callers rule
+/// out.
 fn number(component: Scalar, bytes: &[u8]) -> f64 {
     component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
 }
@@ -137,7 +138,7 @@ impl Arrays<'_> {
             Some(stride) => return Err(Flaw::new("a byteStride from 4 to 252", stride.to_string())),
         };
         let bytes = self.bytes(found)?;
-        // The last element needn't be followed by the stride's unused bytes.
+        // The last element needn't be followed by the unused bytes that separate elements.
         let end = |last: u64| last.checked_mul(stride)?.checked_add(offset)?.checked_add(size as u64);
         let needed = count.checked_sub(1).map_or(Some(0), end);
         if needed.is_none_or(|needed| needed > bytes.len() as u64) {

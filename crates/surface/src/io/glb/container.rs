@@ -89,7 +89,7 @@ pub(super) enum Buffer<'a> {
     Bytes(Cow<'a, [u8]>),
     /// A buffer in another file, with its URI.
     External(String),
-    /// A buffer without bytes, which extensions for compression allow.
+    /// A buffer without bytes, which some extensions for compression allow.
     Absent,
 }
 

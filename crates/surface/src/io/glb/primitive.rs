@@ -1,5 +1,5 @@
-//! Converts a primitive to triangles (section 3.7.2 of the glTF specification). Corners are given by indices, or by the
-//! order of the positions.
+//! Converts a primitive to triangles (section 3.7.2 of the glTF specification). The triangles' corners are given by
+//! indices or, without indices, by the order of the positions.
 
 use super::super::budget::Budget;
 use super::super::flaw::Flaw;
@@ -39,7 +39,7 @@ pub(super) fn add(
             corner.to_string(),
         ));
     }
-    // The sums can't overflow, by the checks above.
+    // The checks above ensure that the sums don't overflow.
     let corners: Vec<u32> = corners.iter().map(|corner| corner + first as u32).collect();
     budget.spend(corners.len() as u64 * 12, "triangles of")?;
     mesh.vertices.extend(vertices);

@@ -1,4 +1,4 @@
-//! Determines from the distances between landmarks and a surface whether both have the same frame, LPS or RAS.
+//! Determines whether landmarks and a surface have the same frame (LPS or RAS), from the distances between them.
 
 use spharm_monitor::number;
 
@@ -7,19 +7,19 @@ use crate::geometry::{Vec3, bounds, diagonal, scale};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// Landmarks are converted to the other frame only if this reduces their median distance from the surface by more than
-/// this factor. In the wrong frame the signs of x and y are reversed, so landmarks of a scan are typically off by a
-/// hundred millimetres.
+/// Landmarks are converted to the other frame only if the conversion reduces their median distance from the surface by
+/// more than this factor. In the wrong frame the signs of x and y are reversed, so landmarks of a scan are typically
+/// off by a hundred millimetres.
 const NEARER: f64 = 4.0;
-/// Threshold of the median distance of landmarks from their surface, as a fraction of the surface's extent. Below the
-/// threshold, the landmarks are assumed to lie on the surface. Above it, they may be in another unit.
+/// Threshold for the median distance between landmarks and their surface, as a fraction of the surface's extent. Below
+/// the threshold, the landmarks are assumed to lie on the surface. Above it, they may be in another unit.
 const OFF: f64 = 0.05;
 /// Minimum number of landmarks from which a unit is inferred. Fewer landmarks may lie on the surface by chance.
 const LEAST: usize = 3;
 /// Largest accepted distance between a surface and a landmark that guides its registration, as a fraction of the
 /// surface's extent.
 const FAR: f64 = 0.5;
-/// Ratios of units of length, such as metres and millimetres.
+/// Ratios between units of length that are in use, such as metres and millimetres.
 const FACTORS: [f64; 6] = [10.0, 100.0, 1000.0, 0.1, 0.01, 0.001];
 
 /// Landmarks and their distances from a surface.
@@ -42,8 +42,8 @@ pub fn unit_factor(points: &[Vec3], surface: &Mesh) -> Option<f64> {
     factor(points, &TriangleTree::new(surface), diagonal(bounds(surface.vertices.iter().copied())))
 }
 
-/// Returns the text about a [`unit_factor`] that is appended to messages about landmarks far from their surface.
-/// Without a factor, the text is empty.
+/// Returns a hint that landmarks are in another unit, for the end of messages about landmarks far from their surface.
+/// Returns an empty text if [`unit_factor`] found no factor.
 #[must_use]
 pub fn unit_hint(factor: Option<f64>) -> String {
     factor.map_or_else(String::new, |factor| {

@@ -8,9 +8,9 @@ use super::{Frame, Gathered, Landmarks};
 use crate::geometry::Vec3;
 use crate::io::flaw::{Flaw, shown};
 
-/// Accepted headings for the column of names.
+/// Accepted headings for the column with the landmarks' names.
 const NAMES: [&str; 4] = ["name", "label", "id", "landmark"];
-/// The columns of a fiducials file that doesn't list its columns.
+/// The columns assumed for a fiducials file that doesn't list its columns.
 const FIDUCIALS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
 /// Indices of the columns of a table.
@@ -19,7 +19,7 @@ struct Columns {
     /// The column used instead of `name` in rows whose name is empty.
     id: Option<usize>,
     at: [usize; 3],
-    /// Number of columns.
+    /// Number of columns in the table.
     count: usize,
 }
 

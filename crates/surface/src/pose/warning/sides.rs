@@ -1,4 +1,4 @@
-//! Finds the side in the name of a body, and groups that mix two sides.
+//! Finds the body side (left or right) that a name states, and warns of groups that mix both sides.
 
 use super::GroupPoseWarning;
 use crate::hemisphere::Hemisphere;
@@ -10,9 +10,9 @@ const FEWEST: usize = 2;
 const MOST: usize = 12;
 
 impl Hemisphere {
-    /// Returns the side that a name states, and the rest of the name: left and `s1` for `s1_L`, `lh.s1` and `left-s1`.
-    /// The parts of a name consist of letters and digits. A single letter states a side only if no other part does. The
-    /// side is `None` if no part states a side, or if parts state both sides.
+    /// Returns the side that a name states, and the rest of the name. For example, returns left and `s1` for `s1_L`,
+    /// `lh.s1` and `left-s1`. The parts of a name consist of letters and digits. A single letter states a side only if
+    /// no other part does. The side is `None` if no part states a side, or if parts state both sides.
     #[must_use]
     pub fn and_rest_of(name: &str) -> (Option<Self>, String) {
         let parts: Vec<&str> = name.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty()).collect();
@@ -54,7 +54,7 @@ impl GroupPoseWarning {
         let [left, right] = [Hemisphere::Left, Hemisphere::Right].map(of_side);
         let named = match (left.len(), right.len()) {
             (0, _) | (_, 0) => String::new(),
-            // The list is left out if members were mirrored, because their names state the side before the mirroring.
+            // The list is left out if members were mirrored, because their names state the side before mirroring.
             _ if members.iter().any(|(_, mirrored)| *mirrored) => String::new(),
             (l, r) => {
                 let (side, names) = if l < r { (Hemisphere::Left, left) } else { (Hemisphere::Right, right) };
@@ -63,7 +63,7 @@ impl GroupPoseWarning {
                     more => format!(" and {more} more"),
                 };
                 let first: Vec<&str> = names.iter().take(MOST).copied().collect();
-                format!("; by their names, the members of the {side} side are {}{more}", first.join(", "))
+                format!("; judging by their names, the members of the {side} side are {}{more}", first.join(", "))
             }
         };
         Some(format!(
@@ -112,7 +112,7 @@ mod tests {
         assert!(found.contains("2 of 6 members") && found.ends_with("of the right side are a_R, b_R, c_R"), "{found}");
         let fewer = of(&[0, 3].map(mirrored), &members[..5]);
         assert!(fewer.ends_with("of the right side are a_R, b_R"), "{fewer}");
-        // All members with names of the right side have been mirrored, so all members are now from one side.
+        // All members with names of the right side have been mirrored, so now all members have the shape of one side.
         let done = names.map(|name| (name, name.ends_with('R')));
         assert!(of(&[0, 3].map(mirrored), &done).ends_with("mirrored)"));
         assert_eq!(of(&[mirrored(1)], &members[..4]), "");
