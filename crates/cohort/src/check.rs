@@ -1,9 +1,9 @@
-//! Quality control of a group: compares the subjects, and flags the subjects that should be inspected.
+//! Quality control of a group: compares its subjects, and flags those that should be inspected.
 //!
 //! Volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the modes are
-//! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags are set without this comparison.
-//! These flags mark equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs
-//! with many changes, and modes that are mostly due to a single subject ([`influential`]).
+//! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags don't depend on this comparison:
+//! they mark equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs with
+//! many changes, and modes that are mostly due to a single subject ([`influential`]).
 //!
 //! A flag isn't a verdict. By chance, a normally distributed measure flags at least one subject in 8 to 16 of 100
 //! groups if the groups have 8 to 200 subjects. In larger groups, such a measure flags about one subject in 2,000.
@@ -49,7 +49,7 @@ pub struct Facts {
     pub repair: Counts,
     /// Number of handles that were cut.
     pub handles: u64,
-    /// Record of the input's file.
+    /// Record of the input file, with its path and hash.
     pub input: Option<FileRecord>,
     /// BLAKE3 hash of the model's coefficients.
     pub coefficients: String,
@@ -100,7 +100,7 @@ impl Facts {
 /// The result of the check for one subject.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Checked {
-    /// Robust z of the measures, in the order of [`Measure::ALL`]; `None` if the group has too few values.
+    /// Robust z of each measure, in the order of [`Measure::ALL`]; `None` if the group has too few values.
     pub z: [Option<f64>; Measure::ALL.len()],
     /// The mode, counted from 1, along which the subject is farthest from the other subjects, and the robust z of its
     /// score.
@@ -108,7 +108,7 @@ pub struct Checked {
     /// The flags, sorted: an unusual voxel size first, then other causes, then unusual values; within each kind, the
     /// most severe first.
     pub flags: Vec<Flag>,
-    /// Warnings of other commands that don't lead to flags.
+    /// Warnings from other commands that don't lead to flags.
     pub remarks: Vec<String>,
 }
 
@@ -140,7 +140,8 @@ pub fn check(facts: &[Facts]) -> Vec<Checked> {
         let (remarks, notes): (Vec<String>, _) = of.notes.iter().cloned().partition(|note| note.starts_with(IN_DOUBT));
         flags.extend(notes.into_iter().map(Flag::Note));
         result.remarks = remarks;
-        // Flags that report causes come before flags that report unusual values, because causes explain unusual values.
+        // Flags that report possible causes come before flags that report unusual values, because the causes may
+        // explain the unusual values.
         flags.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.severity().total_cmp(&a.severity())));
     }
     checked
@@ -210,8 +211,8 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
     for (of, result) in facts.iter().zip(checked) {
         let id = of.id.as_str();
         let others = |set: &Vec<&str>| Others::new(id, set);
-        // Equal inputs give equal models, and equal models have equal surfaces. Therefore only the first of the three
-        // flags that applies is set.
+        // Equal inputs give equal models, and equal models have equal surfaces. Therefore, of the three flags for equal
+        // inputs, models and surfaces, only the first that applies is set.
         let same_input = of_inputs.get(id).map(|set| Flag::SameInput(others(set)));
         let same_model = || of_models.get(id).map(|set| Flag::SameModel(others(set)));
         let same_surface = || surfaces.get(id).map(|set| Flag::SameSurface(others(set)));
@@ -227,7 +228,7 @@ fn set_of_name<'s, 'n>(sets: &'s [Vec<&'n str>]) -> HashMap<&'n str, &'s Vec<&'n
 /// Returns the voxel size that more than half of the subjects have, or `None` if there is no such size.
 fn usual_voxels(facts: &[Facts]) -> Option<[f64; 3]> {
     let sizes: Vec<[f64; 3]> = facts.iter().filter_map(|of| Some(of.voxels?.size)).collect();
-    // A size that more than half of the subjects have equals the median along each axis.
+    // If more than half of the subjects have the same size, it equals the median along each axis.
     let median = std::array::from_fn(|axis| median(&sizes.iter().map(|size| size[axis]).collect::<Vec<_>>()));
     let count = sizes.iter().filter(|size| same_size(**size, median)).count();
     (sizes.len() >= LEAST && 2 * count > sizes.len()).then_some(median)
@@ -292,7 +293,7 @@ mod tests {
         let checked = check(&group(40));
         assert!(checked.iter().all(|result| result.flags.is_empty() && result.severity() == 0.0), "{checked:?}");
         assert!(checked.iter().all(|result| result.z.iter().all(Option::is_some) && result.mode.is_some()));
-        // Four subjects are too few for any result.
+        // Four subjects are too few for any comparison.
         assert!(check(&group(4)).iter().all(|result| *result == Checked::default()));
         assert!(check(&[]).is_empty());
     }
@@ -309,7 +310,7 @@ mod tests {
         facts[9].notes = vec!["it may be of the other side".to_owned()];
         facts[12].notes =
             vec![format!("{IN_DOUBT}: another pose fits nearly equally well, with a distance of 1.01 in place of 1")];
-        // A residual far below those of the other subjects is good, so it isn't flagged.
+        // A residual far below those of the other subjects means a good fit, so it isn't flagged.
         facts[10].measures[Measure::Rms as usize] = Some(0.001);
         facts[11].measures[Measure::Rms as usize] = Some(1.0);
         let checked = check(&facts);

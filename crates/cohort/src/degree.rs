@@ -1,7 +1,7 @@
 //! Chooses a common degree for the models of many surfaces.
 //!
-//! Models are compared, averaged and tabulated by degree, so all models of a run have the same degree. For labels, the
-//! degree follows from their sizes in voxels. For meshes, the degree follows from fits of a few of the meshes.
+//! Models are compared, averaged and tabulated degree by degree, so all models of a run have the same degree. For
+//! labels, it is chosen from their sizes in voxels; for meshes, from fits to a few of them.
 
 use std::fmt;
 
@@ -21,8 +21,8 @@ const MESHES: usize = 3;
 /// Largest number of labels whose sizes are used to choose a degree.
 const LABELS: usize = 50;
 
-/// Lowest and highest degree chosen for labels. Lower degrees reproduce little of the shape. Higher degrees must be
-/// chosen explicitly.
+/// Lowest and highest degree chosen for labels. Lower degrees reproduce little of the shape. Higher degrees are used
+/// only if the user requests them.
 const OF_LABELS: (usize, usize) = (4, 60);
 
 /// The degree chosen for a run.
@@ -37,12 +37,12 @@ pub enum ChosenDegree {
     },
     /// The degree was chosen by fitting surfaces.
     Surfaces {
-        /// Choice for the surface that needs the highest degree.
+        /// The choice for the fitted surface that needs the highest degree.
         choice: DegreeChoice,
         /// Degree of the run: the degree of `choice`, or, if lower, the highest degree that the vertices of every
         /// fitted surface determine.
         degree: usize,
-        /// Number of surfaces fitted.
+        /// Number of surfaces that were fitted to choose the degree.
         fitted: usize,
         /// Number of fitted surfaces whose model of degree `degree` isn't as accurate as requested.
         missed: usize,
@@ -199,8 +199,8 @@ fn spread<'a, T>(of: &[&'a T], most: usize) -> Vec<&'a T> {
     (0..count).map(|at| of[at * (of.len() - 1) / (count - 1).max(1)]).collect()
 }
 
-/// Applies a function to rows, and returns the results of the rows for which the function succeeds. If the function
-/// fails for all rows, returns the first error.
+/// Applies a function to each row, and returns the results of the successful calls. If all calls fail, returns the
+/// first error.
 fn any<T>(rows: Vec<&Row>, mut of: impl FnMut(&Row) -> Result<T, Error>) -> Result<Vec<T>, Error> {
     let (mut found, mut first) = (Vec::new(), None);
     for row in rows {

@@ -1,4 +1,4 @@
-//! Finds inputs that occur twice, regardless of the names of their files.
+//! Finds inputs that occur more than once, even if their files have different names.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use spharm::FileRecord;
 
 use crate::Row;
 
-/// Sets of names that share a key, such as the contents of a file.
+/// Groups names that share a key, such as the contents of a file.
 #[derive(Debug)]
 pub struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
 
@@ -33,8 +33,8 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// Key of a model's input: the hash of the file's contents, the label, and the path of the weights. The sphere isn't
-/// included, because the sphere of a duplicated subject has another path.
+/// Key that identifies a model's input: the hash of the file's contents, the label, and the path of the weights. The
+/// sphere isn't included, because a duplicated subject has its own sphere, with another path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
 /// The inputs of a run, grouped by their contents.

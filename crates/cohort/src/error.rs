@@ -12,7 +12,7 @@ pub enum CohortError {
     Io {
         /// Path of the file.
         path: PathBuf,
-        /// The operation that failed.
+        /// The operation that failed, such as "read".
         action: &'static str,
         /// Error of the operating system.
         source: io::Error,
@@ -24,7 +24,7 @@ pub enum CohortError {
         path: PathBuf,
         /// Number of the line.
         line: usize,
-        /// The bytes found.
+        /// The bytes found, in printable form.
         found: String,
     },
     /// The table has no row below its header.
@@ -44,7 +44,8 @@ pub enum CohortError {
         column: &'static str,
         /// Names of the table's columns.
         found: Vec<String>,
-        /// Possible reason for the problem, beginning with a semicolon. Empty if the reason is unknown.
+        /// Text about a possible reason for the missing column, beginning with a semicolon. Empty if the reason is
+        /// unknown.
         hint: &'static str,
     },
     /// Two columns have the same name.
@@ -142,7 +143,7 @@ pub enum CohortError {
         path: PathBuf,
         /// The file's name without the extension of its format, which would be the id.
         id: String,
-        /// Reason why this can't be the id.
+        /// Reason why this name can't be the id.
         problem: String,
     },
     /// Another process is writing to the status file.

@@ -42,8 +42,8 @@ impl Evaluate {
         let options = WriteOptions { overwrite, double: false };
         let hemisphere = sphere.hemisphere();
         let on = self.right.as_ref().filter(|_| hemisphere == Some(Hemisphere::Right)).unwrap_or(&self.sphere);
-        // A sphere that was computed for the model's surface may belong to any body, so the structure isn't set to a
-        // cortex.
+        // If the sphere was computed for the model's surface, the surface may be of any object, not only a brain, so
+        // its anatomical structure isn't set to a cortex.
         let cortex = hemisphere.filter(|_| !sphere.parametrized).map(Hemisphere::cortex);
         make_folder_of(&path)?;
         match kind {

@@ -140,7 +140,7 @@ impl ModelFiles {
             surface.parametrized.sphere.path = Some(path.clone());
             surface
         };
-        // Spheres of labels aren't reused, because the recorded origin doesn't include the voxel size.
+        // Spheres for labels aren't reused, because the origin recorded in them doesn't include the voxel size.
         if let Some(mesh) = input.mesh().filter(|_| reuse && record.label.is_none()) {
             let left_over = || {
                 let sphere =
@@ -166,7 +166,7 @@ impl ModelFiles {
             Input::Fixed(..) => Some(self.fixed_surface()),
             Input::Mesh(_) => None,
         };
-        // The surface of a label before its handles were cut isn't in any other file, so it is written too.
+        // For a label, the surface before its handles were cut isn't in any other file, so it is written too.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
         let mut mapped = Mapped { surface: named(surface), written: Vec::new() };
         // Write the surface last: if it exists, the sphere, which records the origin of both files, exists too.
@@ -231,7 +231,8 @@ impl ModelFiles {
         Ok(model.write_with(&self.model, replace.model)?)
     }
 
-    /// Writes the standard errors (K, c) to a file beside the model.
+    /// Writes the standard errors of the coefficients, one row per coefficient and one column per channel, to a file
+    /// beside the model.
     ///
     /// # Errors
     ///
@@ -251,7 +252,7 @@ pub struct MadeOf<'a> {
     /// Record of the region's file, if a signal was read only within a region. Values outside the region were
     /// extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
-    /// Changes to the surface that were requested before the fit.
+    /// Changes that were requested to be made to the surface before the fit.
     pub preparation: Preparation,
     /// The mapped surface; `None` if the surface was fitted over a given sphere.
     pub surface: Option<&'a MappedSurface>,
@@ -268,7 +269,8 @@ pub struct Mapped {
 }
 
 impl Mapped {
-    /// Removes the files that were written. If these files remained without a model, the next run would be refused.
+    /// Removes the files that were written. If they remained without a model, the next run would be refused because of
+    /// them.
     pub fn remove(&self) {
         for path in &self.written {
             // If a file can't be removed, the error is ignored, because the caller reports the error that caused the

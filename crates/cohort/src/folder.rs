@@ -24,7 +24,7 @@ const OTHER_ENDINGS: [&str; 9] =
 /// - hidden files and broken links
 /// - spheres, such as the spheres that a run writes (`a.sphere.surf.gii`)
 /// - repaired and cut surfaces beside such a sphere (`a.fixed.surf.gii`, `a.cut.surf.gii`)
-/// - surfaces of labels beside such a sphere (`a.surf.gii`, if the sphere's metadata name a label)
+/// - surfaces extracted from labels, beside such a sphere (`a.surf.gii`, if the sphere's metadata name a label)
 /// - files whose names may be those of values on vertices (`.gii` alone, `.mgz`)
 /// - files without the extension of a format (FreeSurfer's `lh.pial`)
 ///
@@ -149,7 +149,7 @@ pub fn file_stem(path: &Path) -> OsString {
         proper.chain(&OTHER_ENDINGS).filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // Both `.surf.gii` and `.gii` are extensions; the longest match is removed.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Each call of `Path::file_stem` removes the last dot and what follows it, so an extension with n dots takes n
+    // Each call of `Path::file_stem` removes the last dot and the text after it, so an extension with n dots needs n
     // calls.
     let dots = name.get(length..).unwrap_or_default().matches('.').count();
     let mut exact = PathBuf::from(path.file_name().unwrap_or_default());

@@ -18,7 +18,7 @@ const WEIGHTS: &str = "weights";
 const OUTPUT: &str = "output";
 const LABEL: &str = "label";
 const SIGNAL_MASK: &str = "signal_mask";
-/// Names of the columns with a defined meaning.
+/// Names of the columns that have a defined meaning in manifests.
 const OWN: [&str; 7] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL, SIGNAL_MASK];
 /// Largest length of an id in bytes. An id is used as a file name with an extension, and file names have at most 255
 /// bytes.
@@ -220,7 +220,7 @@ fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     Ok(tidy(&std::path::absolute(path)?))
 }
 
-/// Removes `.` from a path, and each `..` together with the folder before it, if there is one.
+/// Removes each `.` from a path, and each `..` together with the folder before it, if any.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -359,8 +359,8 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // The other files of a model are named after the model, without `.spharm.npz`. Therefore compare these names:
-        // two models with the same name in one folder would share files.
+        // The other files of a model have the model's name without `.spharm.npz`. Compare the models by this shorter
+        // name, because two models with the same shorter name in one folder would share files.
         let files = ModelFiles { model: tidy(&row.model(Path::new(""))) };
         match outputs.entry(files.model.with_file_name(files.file_name())) {
             Entry::Occupied(first) => {

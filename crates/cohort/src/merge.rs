@@ -7,7 +7,7 @@ use crate::error::CohortError;
 use crate::status::{Entry, HEADER, State};
 use crate::table::{Table, read_text};
 
-/// The final outcome of each row, merged from several status files.
+/// The final outcomes of all rows, merged from several status files.
 ///
 /// Within a file, a later line of a row replaces an earlier line, except that [`State::Skipped`] doesn't replace
 /// [`State::Done`]. If several files have a line for the same row, the last file whose line reports that the model

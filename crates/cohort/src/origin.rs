@@ -1,7 +1,7 @@
 //! Records the origin of the sphere beside a model in the sphere's GIfTI metadata.
 //!
-//! The origin is needed to decide whether a sphere can be reused. The triangles aren't sufficient: a sphere with the
-//! same triangles may have been made from another subject's surface, or for another degree.
+//! The origin is needed to decide whether a sphere can be reused. Equal triangles don't suffice: a sphere with the same
+//! triangles as the surface may have been made from another subject's surface, or for another degree.
 
 use std::path::Path;
 

@@ -16,7 +16,7 @@ pub struct SurfaceReader {
     preparation: Preparation,
     /// The volume that was read last.
     volume: Mutex<Option<Arc<LabelVolume>>>,
-    /// Doubts about the volumes read so far.
+    /// Doubts about the voxel sizes and positions of the volumes read so far.
     doubts: Mutex<VolumeDoubts>,
 }
 
@@ -69,8 +69,8 @@ impl SurfaceReader {
         Ok(last.insert(volume).clone())
     }
 
-    /// Returns the warnings about voxel sizes and positions of all volumes read so far, one for each kind of doubt, see
-    /// [`LabelVolume::doubts`].
+    /// Returns warnings about doubtful voxel sizes and positions of the volumes read so far, one warning for each kind
+    /// of doubt (see [`LabelVolume::doubts`]).
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
         self.doubts.lock().unwrap_or_else(PoisonError::into_inner).warnings()

@@ -42,7 +42,7 @@ pub struct Request<'a> {
     pub id: Option<&'a str>,
     /// Record of the target's file.
     pub input: &'a FileRecord,
-    /// Sphere of the fit, or `None` if the surface is to be mapped to a sphere.
+    /// Sphere over which to fit, or `None` if the surface is to be mapped to a sphere first.
     pub sphere: Option<&'a Sphere>,
     /// Settings of the fit. If the settings don't name a scalar type, existing models of either type are kept.
     pub params: &'a FitParams,
@@ -110,7 +110,7 @@ pub enum Refusal {
         /// The settings that differ.
         differences: Vec<Difference>,
     },
-    /// The existing sphere, or the existing surface of a label, wasn't made from the input.
+    /// The existing sphere, or the existing surface around a label, wasn't made from the input.
     #[error("{}: the existing file wasn't made from {input}, or doesn't record its input", .path.display())]
     OtherSphere {
         /// Path of the sphere or surface.
@@ -226,7 +226,8 @@ impl Request<'_> {
         }
     }
 
-    /// Refuses the fit if a sphere, or the surface of a label, exists beside the model and wasn't made from this input.
+    /// Refuses the fit if the file of the sphere, or of the surface around a label, already exists beside the model,
+    /// unless it was made from this input.
     fn check_sphere(&self) -> Result<(), Refusal> {
         let files = ModelFiles { model: self.output.to_owned() };
         let own = [files.sphere(), files.surface()];
@@ -335,6 +336,6 @@ fn weights_name(name: &str, hash: Option<String>) -> String {
 }
 
 fn sphere_name(scheme_key: Option<&String>) -> String {
-    // Show 12 digits of the key, as messages about stores do.
+    // Show the first 12 digits of the key, like messages about stores.
     scheme_key.map_or("made for the surface".to_owned(), |key| key.chars().take(12).collect())
 }

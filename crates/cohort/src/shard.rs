@@ -1,10 +1,11 @@
-//! Selects the rows that one process fits.
+//! Selects the share of the rows that one of several processes fits.
 
 use std::str::FromStr;
 
 use crate::error::CohortError;
 
-/// The share of a manifest that one process fits: the rows whose index, counted from 0, is `index` modulo `count`.
+/// The share of a manifest that one process fits: the rows whose index, counted from 0, leaves the remainder `index`
+/// when divided by `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -59,7 +60,7 @@ impl Shard {
         let number = |name: &str| -> Result<usize, CohortError> {
             let name = format!("SLURM_ARRAY_TASK_{name}");
             let text = variable(&name).ok_or_else(|| {
-                refuse(format!("expected {name} in the environment, found none; submit with sbatch --array"))
+                refuse(format!("the environment variable {name} isn't set; submit the job with sbatch --array"))
             })?;
             text.parse().map_err(|_| refuse(format!("expected a number in {name}, found {text:?}")))
         };

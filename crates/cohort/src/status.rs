@@ -22,8 +22,8 @@ pub enum State {
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
-    /// The run ended before the row was finished, because the run was cancelled, or because of an error, which may be
-    /// another row's. The column `error` gives this error.
+    /// The run ended before the row was finished, because the run was cancelled, or because of an error, possibly in
+    /// another row. The column `error` gives this error.
     Interrupted,
 }
 
@@ -124,8 +124,8 @@ fn name(id: &str) -> String {
     guarded(&id.replace(|c: char| c != '\t' && c.is_control(), " ")).into_owned()
 }
 
-/// Converts a path to a cell. A path with a line end can't be written in a line, and a changed path would lead to
-/// another file, so the cell of such a path is empty.
+/// Converts a path to a cell. A path that contains a line ending can't be written on one line, and a changed path would
+/// name another file, so the cell is left empty for such a path.
 fn path(output: &str) -> String {
     let kept = name(output);
     if kept == guarded(output) { kept } else { String::new() }

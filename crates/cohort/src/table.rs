@@ -116,7 +116,7 @@ pub fn line_of_record(text: &str, from: usize, comments: bool) -> usize {
     Lines::new(text, comments).of_record(from)
 }
 
-/// Determines the line numbers of records, which must be given in order.
+/// Determines the line numbers of records. The records must be looked up in order.
 struct Lines<'a> {
     bytes: &'a [u8],
     comments: bool,

@@ -15,27 +15,29 @@ impl From<LltError> for NotPositiveDefinite {
     }
 }
 
-/// Computes `out = scale a b`, or `out += scale a b` with [`Accum::Add`], for a (m, k), b (k, n) and out (m, n).
+/// Computes `out = scale a b`, or `out += scale a b` with [`Accum::Add`], for matrices `a` (m, k), `b` (k, n) and `out`
+/// (m, n).
 ///
 /// # Panics
 ///
-/// If the shapes don't match.
+/// Panics if the shapes don't match.
 pub fn matmul(out: MatMut<'_, f64>, accumulate: Accum, a: MatRef<'_, f64>, b: MatRef<'_, f64>, scale: f64) {
     faer::linalg::matmul::matmul(out, accumulate, a, b, scale, Par::Seq);
 }
 
-/// Computes the lower triangle of `out += scale a a^T` for a (k, n) and out (k, k). Takes `n k (k + 1)` flops.
+/// Computes the lower triangle of `out += scale a a^T` for matrices `a` (k, n) and `out` (k, k). Takes `n k (k + 1)`
+/// flops.
 ///
 /// # Panics
 ///
-/// If the shapes don't match.
+/// Panics if the shapes don't match.
 pub fn add_gram(out: MatMut<'_, f64>, a: MatRef<'_, f64>, scale: f64) {
     let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
     triangular::matmul(out, lower, Accum::Add, a, whole, a.transpose(), whole, scale, Par::Seq);
 }
 
-/// Replaces the lower triangle of a symmetric matrix (k, k) by the lower Cholesky factor. Entries above the diagonal
-/// are unspecified afterwards. Takes `k^3 / 3` flops.
+/// Replaces the lower triangle of a symmetric matrix (k, k) by the matrix's lower Cholesky factor. Entries above the
+/// diagonal are unspecified afterwards. Takes `k^3 / 3` flops.
 ///
 /// # Errors
 ///
@@ -47,20 +49,22 @@ pub fn cholesky_in_place(matrix: MatMut<'_, f64>) -> Result<(), NotPositiveDefin
     Ok(())
 }
 
-/// Replaces x (k, c) by `a^-1 x`, where a (k, k) is lower triangular. Entries above the diagonal of `a` aren't read.
+/// Replaces the matrix `x` (k, c) by `a^-1 x`, where `a` (k, k) is lower triangular. Entries above the diagonal of `a`
+/// aren't read.
 ///
 /// # Panics
 ///
-/// If the shapes don't match.
+/// Panics if the shapes don't match.
 pub fn solve_lower(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_lower_triangular_in_place(a, x, Par::Seq);
 }
 
-/// Replaces x (k, c) by `a^-1 x`, where a (k, k) is upper triangular. Entries below the diagonal of `a` aren't read.
+/// Replaces the matrix `x` (k, c) by `a^-1 x`, where `a` (k, k) is upper triangular. Entries below the diagonal of `a`
+/// aren't read.
 ///
 /// # Panics
 ///
-/// If the shapes don't match.
+/// Panics if the shapes don't match.
 pub fn solve_upper(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_upper_triangular_in_place(a, x, Par::Seq);
 }

@@ -30,16 +30,17 @@ pub fn triangularise(mut matrix: MatMut<'_, f64>) {
     }
 }
 
-/// Reflections `I - v v^T / tau`, the first one applied first.
+/// Reflections `I - v v^T / tau`, in the order in which they are applied.
 struct Reflectors {
-    /// The vectors v as columns (m, k); v is 0 for a column that needs no reflection.
+    /// The vectors v, as the k columns of a matrix (m, k); v is 0 if a column needs no reflection.
     vectors: Mat<f64>,
     /// The value tau of each reflection: `|v|^2 / 2`, or 1 if v is 0.
     taus: Vec<f64>,
 }
 
 impl Reflectors {
-    /// Replaces a panel (m, k), m >= k, by its triangular factor, and returns the reflections that produce it.
+    /// Replaces a panel of columns (m, k), with m >= k, by its triangular factor, and returns the reflections that
+    /// produce this factor.
     fn of_panel(mut panel: MatMut<'_, f64>) -> Self {
         let (rows, width) = panel.shape();
         let mut vectors = Mat::zeros(rows, width);
@@ -75,8 +76,8 @@ impl Reflectors {
     fn apply(&self, mut matrix: MatMut<'_, f64>) {
         let vectors = self.vectors.as_ref();
         let width = vectors.ncols();
-        // The reflections subtract multiples w_i of the vectors v_i from each column a. These multiples are the
-        // solution of the system tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
+        // The reflections subtract multiples w_i of the vectors v_i from each column a. The multiples solve the system
+        // tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
         let mut system = Mat::zeros(width, width);
         add_gram(system.as_mut(), vectors.transpose(), 1.0);
         self.taus.iter().enumerate().for_each(|(i, tau)| system[(i, i)] = *tau);

@@ -1,6 +1,6 @@
 //! Linear algebra by faer, in double precision and on the calling thread.
 //!
-//! faer's functions are generic, so the compiler makes another copy of them in each crate that calls them. This crate
+//! faer's functions are generic, so the compiler would compile them again for each crate that calls them. This crate
 //! wraps them in functions that aren't generic and are compiled once. The other crates call these wrappers, which
 //! shortens compilation and makes programs smaller. Matrices are faer's own types.
 

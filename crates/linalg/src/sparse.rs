@@ -8,7 +8,7 @@ use faer::sparse::{Argsort, Pair, SparseColMat, SparseColMatRef, SymbolicSparseC
 use faer::{MatMut, Side};
 
 /// The sparsity pattern of a symmetric matrix's lower triangle, and the analysis of the Cholesky factor. Clones share
-/// both.
+/// this data instead of copying it.
 #[derive(Clone)]
 pub struct SparsePattern {
     pattern: Arc<SymbolicSparseColMat<usize>>,
@@ -23,12 +23,12 @@ impl std::fmt::Debug for SparsePattern {
 
 impl SparsePattern {
     /// Analyses the pattern of a matrix (n, n). `rows` lists the row indices of entries at and below the diagonal,
-    /// column by column. `starts` (n + 1) has the position in `rows` at which each column starts, followed by the
-    /// length of `rows`. Returns `None` if memory runs out.
+    /// column by column. `starts` has n + 1 elements: the position in `rows` at which each column starts, followed by
+    /// the length of `rows`. Returns `None` if memory runs out.
     ///
     /// # Panics
     ///
-    /// If `starts` isn't ascending, or the row indices of a column aren't.
+    /// Panics if `starts` isn't ascending, or the row indices of a column aren't.
     pub fn new(starts: Vec<usize>, rows: Vec<usize>) -> Option<Self> {
         let n = starts.len() - 1;
         Self::analyse(SymbolicSparseColMat::new_checked(n, n, starts, None, rows))
@@ -49,7 +49,7 @@ impl SparsePattern {
     ///
     /// # Panics
     ///
-    /// If the number of values isn't the pattern's number of entries.
+    /// Panics if the number of values isn't the pattern's number of entries.
     pub fn factor(&self, values: &[f64]) -> Option<SparseFactor> {
         let matrix = SparseColMatRef::new(self.pattern.as_ref().as_ref(), values);
         Llt::try_new_with_symbolic(self.analysis.clone(), matrix, Side::Lower).ok().map(SparseFactor)
@@ -77,7 +77,7 @@ impl SparseSum {
     ///
     /// # Panics
     ///
-    /// If the number of values isn't the number of entries.
+    /// Panics if the number of values isn't the number of entries.
     pub fn factor(&self, values: &[f64]) -> Option<SparseFactor> {
         let pattern = self.pattern.pattern.as_ref().clone();
         let matrix = SparseColMat::new_from_argsort(pattern, &self.order, values).ok()?;
@@ -94,7 +94,7 @@ impl SparseFactor {
     ///
     /// # Panics
     ///
-    /// If `x` doesn't have n rows.
+    /// Panics if `x` doesn't have n rows.
     pub fn solve(&self, x: MatMut<'_, f64>) {
         self.0.solve_in_place(x);
     }

@@ -1,5 +1,5 @@
-//! Lets the linker keep a single copy of functions that have the same instructions. The copies are made by the
-//! compiler, which compiles a generic function again for each type, even if the types differ only in name.
+//! Lets the linker merge functions that consist of the same instructions. Such duplicates arise because the compiler
+//! compiles a generic function again for each type, even if the types differ only in name.
 
 use std::env;
 use std::fs;
@@ -22,7 +22,7 @@ pub fn fold_identical_functions() {
     }
 }
 
-/// Links an empty program with the option `FOLD`, using the same linker and flags as Cargo. Returns whether the linker
+/// Links an empty program with the option `FOLD`, using the same linker and flags as Cargo. Returns whether linking
 /// succeeded, or `None` if it couldn't be tried.
 fn try_linking() -> Option<bool> {
     let folder = PathBuf::from(env::var_os("OUT_DIR")?);

@@ -14,7 +14,7 @@
 //!
 //! A table contains kernels for all precisions, but spharm-rs calls only the double-precision routines `dgemm`,
 //! `dsyrk`, `dtrsm`, `ddot` and `dpotrf`. The kernels for single precision and for complex numbers, four fifths of the
-//! remaining kernels, are therefore linked as address 0. A call of such a kernel would end the process immediately.
+//! remaining kernels, are therefore linked as address 0. A call to such a kernel would crash the process immediately.
 //! `tests/linked.rs` checks that the program contains no code that calls these kernels. The Python extension and the
 //! program call BLAS from the same code (`crates/solver/src/threaded/openblas.rs`).
 
@@ -54,7 +54,7 @@ const SERVED_BY: [(&str, &[&str]); 3] = [
     ),
     // Kernels with AVX2 and FMA. The tables ZEN and EXCAVATOR contain the same kernels, and are therefore dropped.
     ("HASWELL", &["ZEN", "EXCAVATOR"]),
-    // Kernels with AVX-512. The dropped table adds only kernels for bfloat16.
+    // Kernels with AVX-512. Compared with the table used here, the dropped one adds only kernels for bfloat16.
     ("SKYLAKEX", &["COOPERLAKE"]),
 ];
 

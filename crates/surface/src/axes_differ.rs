@@ -34,7 +34,7 @@ impl AxesDiffer {
         };
         format!(
             "the files of the surfaces state different axes: LPS for {}; RAS for {}. LPS and RAS \
-             differ by a rotation of 180 degrees, which affects comparisons of positions, given poses and landmarks; \
+             differ by a rotation of 180 degrees, which affects landmarks, given poses, and comparisons of positions; \
              convert all surfaces to the same axes",
             list(&self.lps),
             list(&self.ras)

@@ -6,9 +6,9 @@
 //! d) V^T`, with the value `s_1 + s_2 + d s_3`. d is the sign of det M. If reflections are allowed, too, the trace is
 //! largest for `Q = U V^T`.
 //!
-//! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for machine precision,
-//! and small singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13,
-//! 1992).
+//! The singular value decomposition uses one-sided Jacobi rotations. A dozen of these rotations suffice for machine
+//! precision, and small singular values have the same relative accuracy as large ones (J. Demmel and K. Veselic, SIAM
+//! J. Matrix Anal. Appl. 13, 1992).
 
 use crate::geometry::{cross, dot};
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, transposed};
@@ -66,8 +66,8 @@ pub fn svd(matrix: &Matrix3) -> Svd {
     Svd { u: transposed(&u), values: values.map(|value| value * scale), v: transposed(&order.map(|i| v[i])) }
 }
 
-/// Normalises three orthogonal vectors of the given descending lengths. Vectors of negligible length are replaced such
-/// that the result is an orthonormal basis.
+/// Normalises three orthogonal vectors, whose given lengths are in descending order. Vectors of negligible length are
+/// replaced such that the result is an orthonormal basis.
 fn complete(vectors: Matrix3, lengths: [f64; 3]) -> Matrix3 {
     let unit = |i: usize| vectors[i].map(|v| v / lengths[i]);
     let negligible = |i: usize| lengths[i] <= f64::EPSILON * f64::EPSILON * lengths[0] || lengths[i] == 0.0;

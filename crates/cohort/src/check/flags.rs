@@ -19,7 +19,7 @@ const NAMED: usize = 6;
 pub struct Counts {
     /// Number of voxels dropped, filled or changed. The number is 0 for the repair of a mesh.
     pub voxels: u64,
-    /// Descriptions of the changes with their numbers, such as `pieces dropped 2`. Empty if nothing was changed.
+    /// Descriptions of the changes, with counts, such as `pieces dropped 2`. Empty if nothing was changed.
     pub texts: Vec<String>,
 }
 
@@ -62,7 +62,7 @@ impl fmt::Display for Others {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Flag {
-    /// The value of a measure is far from the values of the other subjects.
+    /// The subject's value of a measure is far from those of the other subjects.
     Far {
         /// The measure.
         measure: Measure,
@@ -73,14 +73,14 @@ pub enum Flag {
         /// Robust z of the measure.
         z: f64,
     },
-    /// The score of this subject along a mode is far from the scores of the other subjects.
+    /// The subject's score along a mode is far from those of the other subjects.
     FarScore {
         /// The mode, counted from 1.
         mode: usize,
         /// Robust z of the score.
         z: f64,
     },
-    /// A mode is mostly due to the subject. Without the subject, the variance along the mode falls by more than half.
+    /// A mode is mostly due to this subject: without the subject, the variance along the mode falls by more than half.
     MakesMode {
         /// The mode, counted from 1.
         mode: usize,
@@ -109,7 +109,7 @@ pub enum Flag {
         /// Number of changed voxels, as a fraction of the label's voxels.
         share: f64,
     },
-    /// A warning of another command about the subject.
+    /// A warning about the subject from another command.
     Note(String),
 }
 
@@ -124,8 +124,8 @@ impl Flag {
         }
     }
 
-    /// Returns a number that determines the order of flags. The number is 1 at the threshold of a robust z, and 1 to 2
-    /// for flags without a robust z.
+    /// Returns the severity of the flag, by which flags are ordered. For a flag with a robust z, the severity is the
+    /// magnitude of z relative to the threshold [`FAR`]; for other flags, it is between 1 and 2.
     #[must_use]
     pub fn severity(&self) -> f64 {
         match self {
@@ -149,7 +149,7 @@ impl fmt::Display for Flag {
                     None => f.write_str(")"),
                 }
             }
-            Self::FarScore { mode, z } => write!(f, "far from the others along mode {mode} (robust z {z:.1})"),
+            Self::FarScore { mode, z } => write!(f, "far from the other subjects along mode {mode} (robust z {z:.1})"),
             Self::MakesMode { mode, share } => {
                 write!(
                     f,

@@ -11,14 +11,14 @@ pub enum Measure {
     Area,
     /// Sphericity of the model.
     Sphericity,
-    /// Root mean square distance between the surfaces of model and input.
+    /// Root mean square distance between the model's surface and the input's.
     Rms,
-    /// Root mean square distance of the aligned model from the mean.
+    /// Root mean square distance between the aligned model and the mean of the group.
     Distance,
 }
 
 impl Measure {
-    /// All measures, in the order in which arrays contain their values.
+    /// All measures, in the order of their values in arrays.
     pub const ALL: [Self; 5] = [Self::Volume, Self::Area, Self::Sphericity, Self::Rms, Self::Distance];
 
     /// Returns the name of the measure.

@@ -64,11 +64,12 @@ pub(super) fn unprepared(
         differences.push(Difference { setting: "wrap", found, wanted });
         return differences;
     }
-    // A wrap is also recorded as a repair, so the repair of a wrapped mesh doesn't mean that the mesh was fixed.
+    // Wrapping a mesh is also recorded as a repair, so a recorded repair of a wrapped mesh doesn't mean that the mesh
+    // itself was fixed.
     let repaired = recorded.repair.is_some() && recorded.wrap.is_none();
     let cut = recorded.handles.is_some();
-    // A label that was fitted without a recorded repair or cut doesn't need a repair or a cut. This conclusion doesn't
-    // hold for a mesh.
+    // If a label was fitted and no repair or cut is recorded, the label doesn't need any. For a mesh, this conclusion
+    // doesn't hold.
     let as_it_is = of_label && !repaired && !cut;
     // A repaired label has no handles left to cut.
     let without_handles = of_label && repaired;

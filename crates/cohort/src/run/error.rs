@@ -34,7 +34,7 @@ pub enum RunError {
         /// Kind of the output: the model, or a file beside the model.
         what: &'static str,
     },
-    /// A label is given for a mesh, or for a surface over a sphere.
+    /// A label is given for a mesh, or for a surface that is to be fitted over a given sphere.
     #[error(
         "{}: a label can be given only for a volume without a sphere (.nii, .mgz, .nrrd, .tif, .npy)",
         .path.display()
@@ -43,7 +43,8 @@ pub enum RunError {
         /// Path of the surface's file.
         path: PathBuf,
     },
-    /// An area distortion is given for the surface of a label. The map of such a surface always preserves areas.
+    /// An area distortion is given for the surface around a label, but the map of such a surface to the sphere always
+    /// preserves areas.
     #[error(
         "{input}: area can be given only for meshes; the quadrangles around a label are always mapped to equal areas"
     )]
@@ -63,7 +64,7 @@ pub enum RunError {
         /// Path of the mask.
         mask: PathBuf,
     },
-    /// The weights given in the table aren't an existing file.
+    /// The weights given in the table are neither a known name nor an existing file.
     #[error("column weights: expected uniform, area or an existing file, found {}", .path.display())]
     NoWeights {
         /// The cell of the table, interpreted as a path.
@@ -78,7 +79,7 @@ pub enum RunError {
     /// A warning, which is an error in a strict run.
     #[error("{0}")]
     Strict(String),
-    /// An error that applies to all rows over one sphere, as text.
+    /// An error that applies to all rows with the same sphere, as text.
     #[error("{0}")]
     Sphere(String),
     /// A file is missing.
@@ -107,7 +108,7 @@ impl RunError {
         Self::Of { context: context.to_string(), source: Box::new(self) }
     }
 
-    /// Returns the error of the fit itself, or `None` if the error has another cause.
+    /// Returns the error if it is from the fit itself, otherwise `None`.
     pub(super) fn of_fit(&self) -> Option<&Error> {
         match self {
             Self::Fit(error) => Some(error),

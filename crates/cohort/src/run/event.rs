@@ -113,17 +113,17 @@ pub enum Event<'a> {
         entry: &'a Entry,
         /// Outcome of the row.
         outcome: Outcome<'a>,
-        /// Path of the model, whose file need not exist. `entry` has this path only as text, which may be inexact.
+        /// Path of the model, whether or not the file exists. `entry` has this path only as text, which may be inexact.
         model: &'a Path,
     },
-    /// Rows over one sphere have been fitted together, or a single row over its own sphere.
+    /// Rows with a common sphere have been fitted together, or a single row has been fitted over its own sphere.
     Fitted {
         /// Report on the fits.
         report: &'a ManyReport,
         /// The rows, in the order of the indices in [`ManyReport::targets`].
         rows: &'a [&'a Row],
     },
-    /// A warning about a row, such as a repair that drops a large part of a label. Other rows may cause the same
+    /// A warning about a single row, such as a repair that drops a large part of a label. Other rows may have the same
     /// warning.
     RowWarning(&'a str),
     /// A warning that isn't about a single row.

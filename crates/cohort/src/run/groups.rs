@@ -15,8 +15,8 @@ pub(super) struct Group {
     pub(super) rows: Vec<usize>,
 }
 
-/// Groups the rows with the indices `numbers` by sphere and weights. Groups are in the order of their first rows. Two
-/// spheres are the same if their paths are equal, or if their files have equal size and contents.
+/// Groups the rows with the indices `numbers` by their spheres and weights. Groups are in the order of their first
+/// rows. Two spheres are the same if their paths are equal, or if their files have equal size and contents.
 pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     let same = same_spheres(numbers.iter().map(|&number| &rows[number]));
     let (mut groups, mut places): (Vec<Group>, HashMap<_, usize>) = (Vec::new(), HashMap::new());

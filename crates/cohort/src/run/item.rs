@@ -20,7 +20,7 @@ pub(super) struct Item {
     pub(super) region: Option<FileRecord>,
     /// Existing outputs that the fit may replace.
     pub(super) replace: Replace,
-    /// Input from which the replaced model was made, if it differs from the input of this fit.
+    /// Input from which the model to be replaced was made, if it differs from the input of this fit.
     pub(super) replaces: Option<FileRecord>,
 }
 

@@ -1,4 +1,4 @@
-//! Records the outcomes of rows as they become known, and which rows are in progress.
+//! Records which rows are in progress, and the outcome of each row as soon as it is known.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,7 @@ use super::params::Cohort;
 use super::sync::lock;
 use crate::{CohortError, Entry, Row, State, StatusFile};
 
-/// Collects the outcomes of a run's rows, writes them to the table, and reports them to the observer.
+/// Collects the outcomes of a run's rows, writes them to the table of outcomes, and reports them to the observer.
 pub(super) struct Ledger<'a> {
     pub(super) observer: &'a dyn Observer,
     inner: Mutex<Inner>,

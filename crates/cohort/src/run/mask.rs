@@ -34,7 +34,7 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
     Ok(weights.masked(&keep, name, sphere)?)
 }
 
-/// Rows of a group whose fits ignore the same vertices.
+/// Those rows of a group whose fits ignore the same vertices.
 pub(super) struct Part {
     /// Indices of the rows.
     pub(super) rows: Vec<usize>,
@@ -44,8 +44,9 @@ pub(super) struct Part {
     pub(super) left_out: usize,
 }
 
-/// Splits the rows with the given indices into parts with the same missing values. Missing values are accepted only for
-/// signals that are fitted by least squares without a store. Other fits refuse signals with missing values.
+/// Splits the rows with the given indices into parts. The signals of each part have missing values at the same
+/// vertices. Missing values are accepted only for signals that are fitted by least squares without a store. Other fits
+/// refuse signals with missing values.
 pub(super) fn parts(
     rows: &[Row],
     numbers: &[usize],
@@ -127,7 +128,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
         };
         let ([low, high], [least, most]) = (range(false), range(true));
-        // For a constant channel, the width would be zero, so the size of rounding errors is used instead.
+        // For a constant channel, the width would be zero, so at least a bound on rounding errors is used.
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
@@ -140,8 +141,8 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
     Ok(None)
 }
 
-/// Returns, for each vertex, whether its value is missing. Returns an empty vector if no value is missing. Vertices
-/// outside the row's region aren't counted, because their values are extrapolated.
+/// Returns, for each vertex, whether its value is missing, or an empty vector if no value is missing. Missing values
+/// outside the row's region aren't counted, because they are replaced by extrapolated values.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
     if row.region.is_none() && !may_hold_signal(path) {

@@ -1,4 +1,4 @@
-//! Fits surfaces that are given without a sphere, each over a sphere computed for it.
+//! Fits surfaces that are given without a sphere. Each is fitted over a sphere that is computed for it.
 //!
 //! Mapping and fitting a small surface, such as that of a label, is hardly faster with several threads than with one.
 //! Therefore several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces
@@ -17,8 +17,8 @@ use super::work::Work;
 use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
-/// Number of surfaces per thread in a batch. If this number is small, threads idle at the end of each batch. If the
-/// number is large, each surface gets only a small share of the memory.
+/// Number of surfaces per thread in a batch. If it is too small, threads idle at the end of each batch. If it is too
+/// large, each surface gets only a small share of the memory.
 const PER_THREAD: usize = 8;
 
 impl Work<'_> {
@@ -55,8 +55,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Processes one row, within a share of the memory if one is given. Returns false if the share didn't suffice and
-    /// the row still has to be processed.
+    /// Processes one row, within a share of the memory budget if one is given. Returns false if the share wasn't large
+    /// enough, so that the row still has to be processed.
     fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
         self.monitor.check()?;
         let row = &self.cohort.rows[number];
@@ -153,8 +153,7 @@ impl Work<'_> {
             // The user didn't give the name of this file, so name the model to which the file belongs.
             Error::Surface(SurfaceError::OutputExists { .. }) => {
                 let model = item.files.model.display();
-                let context =
-                    format!("{model}: a file beside this model exists, perhaps from another process fitting it");
+                let context = format!("{model}: a file beside this model exists, perhaps written by another process");
                 RunError::from(error).of(context)
             }
             error => RunError::from(error).of(&item.record),

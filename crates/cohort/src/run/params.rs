@@ -71,7 +71,7 @@ pub struct RunParams {
     pub keep_going: bool,
     /// Path of the table to which outcomes are appended; `None` by default.
     pub status: Option<PathBuf>,
-    /// A check of each surface that has a sphere; `None` by default.
+    /// Checks each surface for which a sphere is given; `None` by default.
     pub check: Option<Check>,
     /// A common sphere on which every model is evaluated; `None` by default.
     pub evaluate: Option<Evaluate>,

@@ -18,9 +18,9 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// To check the needed memory, a preview reads the first spheres and the first surfaces without a sphere, up to this
-/// number of each. A further file is read only if outputs of its rows exist. If the fits need a basis store, all
-/// further spheres are read as well.
+/// To check how much memory is needed, a preview reads only the first spheres and the first surfaces without a sphere,
+/// at most this number of each. A further file is read only if outputs of its rows exist. If the fits need a basis
+/// store, all further spheres are read as well.
 const READ: usize = 3;
 
 /// Result of a preview.
@@ -35,7 +35,7 @@ pub struct Preview {
     pub kept: usize,
     /// Number of rows whose surface file is missing.
     pub missing: usize,
-    /// Number of different spheres over which rows would be fitted.
+    /// Number of different given spheres over which rows would be fitted.
     pub spheres: usize,
     /// The spheres that the preview has read.
     pub first_spheres: Vec<PreviewedSphere>,
@@ -112,7 +112,7 @@ impl Look<'_> {
         if error.is_interrupted() {
             return Err(error);
         }
-        // An error of the sphere applies to all of its rows and replaces the errors of single rows.
+        // An error with the sphere applies to all of its rows, and replaces the errors of single rows.
         self.failed.truncate(before);
         let error = match &group.sphere {
             Some(path) if self.work.params.keep_going => error.of(path.display()),
@@ -170,7 +170,8 @@ impl Look<'_> {
         Ok(())
     }
 
-    /// Returns whether the method reads a store, which must have the basis of each sphere.
+    /// Returns whether the fit's method reads a basis store, which must then contain the basis at each sphere's
+    /// directions.
     fn over_a_store(&self) -> bool {
         !matches!(self.work.params.fit.method, Method::Lsq | Method::Quadrature)
     }

@@ -4,8 +4,8 @@ use std::fmt;
 
 use spharm::{Level, Monitor};
 
-/// A monitor for a part of a run, such as a group of rows. The monitor hides the part's stages, because the run counts
-/// progress in rows. It reports the part's notes as details.
+/// A monitor for a part of a run, such as a group of rows. It hides the stages of the part's work, because the run
+/// counts progress in rows, and passes on the part's notes as details.
 pub(crate) struct Quiet<'a>(pub(crate) &'a dyn Monitor);
 
 impl Monitor for Quiet<'_> {

@@ -1,4 +1,4 @@
-//! Reads spheres, reports their warnings, and looks up the type of their bases in a store.
+//! Reads spheres, reports warnings about them, and looks up the scalar type of their bases in a store.
 
 use std::path::Path;
 

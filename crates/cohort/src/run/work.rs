@@ -29,18 +29,18 @@ pub(super) struct Work<'a> {
     pub(super) monitor: &'a dyn Monitor,
     pub(super) ledger: &'a Ledger<'a>,
     pub(super) reader: &'a SurfaceReader,
-    /// Each row that is to be fitted and isn't finished, with its files and its record.
+    /// For each row that is to be fitted and isn't finished: its files and the record of its input.
     pub(super) items: Mutex<HashMap<usize, Item>>,
-    /// Names of the labels whose models reproduce the staircase of voxels, each with a description of the steps.
+    /// Names of the labels whose models reproduce the staircase of their voxels, each with data about the steps.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
     /// The inputs checked so far, to find equal inputs.
     pub(super) inputs: Mutex<Inputs>,
-    /// Record of the file that was hashed last. The record is kept because a volume with many labels would otherwise be
-    /// hashed for every label.
+    /// Record of the file that was hashed last. It is kept so that a volume with many labels isn't hashed again for
+    /// every label.
     record: Mutex<Option<(PathBuf, FileRecord)>>,
 }
 
-/// The reason why a target of a group isn't fitted.
+/// The reason why a row of a group isn't fitted.
 enum NoFit {
     /// The row is skipped because its model exists.
     Skip,
@@ -251,7 +251,8 @@ impl<'a> Work<'a> {
         for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
             let row = &self.cohort.rows[number];
             let model = row.model(&self.cohort.folder);
-            // If a row's sphere has another path but the same contents, the row's error names the row's path.
+            // If the row's own sphere has another path than the group's (but equal contents), the error names the row's
+            // path.
             let own = row.sphere.as_ref().filter(|own| *own != path).map(|own| {
                 let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
                 RunError::Sphere(line)

@@ -50,7 +50,7 @@ pub fn torus(parameters: &Torus) -> Mesh {
     for i in 0..along {
         for j in 0..around {
             let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            // The direction of the diagonals alternates, so that no direction is preferred.
+            // The quadrangles' diagonals alternate in direction, so that no direction is preferred.
             mesh.faces.extend(if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] });
         }
     }
@@ -70,8 +70,8 @@ pub fn double_torus(cells: u32) -> Mesh {
     assert!(cells >= 32, "expected at least 32 cells for a double torus, found {cells}");
     const LEVEL: f64 = 0.02;
     let step = 2.4 / f64::from(cells);
-    // The grid is chosen such that the flat part of the surface between the holes lies midway between grid points. With
-    // this grid, no cell is ambiguous.
+    // The grid is placed such that the flat part of the surface between the holes lies midway between grid points, so
+    // that no cell is ambiguous.
     let thickness = 2.0 * LEVEL.sqrt();
     let flat = (thickness / step).round();
     let steps = [step, step, thickness / flat];

@@ -110,8 +110,8 @@ pub fn may_hold_signal(path: &Path) -> bool {
     }
     let Ok(head) = head(path) else { return false };
     let format = FORMATS.iter().find(|format| (format.magic)(&head));
-    // GIfTI files of surfaces and of values begin with the same bytes, so both may hold values. A gzipped file isn't
-    // unpacked here, so it may hold values, too.
+    // GIfTI files begin with the same bytes whether they hold a surface or values, so the result is `true` for both. It
+    // is also `true` for gzipped files, which aren't unpacked here.
     let holds = |format: &FormatSpec| FORMATS.iter().any(|of| of.name == format.name && of.write_signal.is_some());
     is_gzip(&head) || numpy::is_array(&head) || format.is_some_and(holds)
 }

@@ -75,7 +75,11 @@ fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {
         *keep = true;
         found += 1;
     }
-    if found == count { Ok(mask) } else { Err(Flaw::new(format!("{count} vertices"), found.to_string())) }
+    if found == count {
+        Ok(mask)
+    } else {
+        Err(Flaw::new(format!("{count} vertices, as stated at the top"), found.to_string()))
+    }
 }
 
 #[cfg(test)]
@@ -97,7 +101,7 @@ mod tests {
         assert_eq!(read("mask.csv", "0\n1\n-2\n", 3).unwrap(), [false, true, true]);
         for (text, vertices, expected) in [
             (text.as_str(), 3, "vertex numbers below 3"),
-            (&text.replace("\n2\n", "\n3\n"), 5, "expected 3 vertices, found 2"),
+            (&text.replace("\n2\n", "\n3\n"), 5, "expected 3 vertices, as stated at the top, found 2"),
             (&text.replace("\n2\n", "\n4000000000\n"), 5, "4000000000 vertices"),
             (&text.replace("\n2\n", "\nx\n"), 5, "a number of vertices on line 2"),
             (&text.replace("\n3  ", "\n-3  "), 5, "a vertex on line 3"),

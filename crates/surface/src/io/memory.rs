@@ -12,8 +12,8 @@ use super::load::is_gzip;
 /// A file of F bytes is read completely. Its mesh takes less than 2 F bytes in memory: 24 per vertex and 12 per
 /// triangle. GIfTI and VTK's XML files contain compressed data in base64, which are a few times smaller than the
 /// decoded data. The text in a 3MF file is compressed, too. Merging the vertices of a glTF file takes memory as well.
-/// The size of a gzipped file's contents is in its last four bytes. If the contents are far larger than estimated from
-/// the file's size, this is detected while they are decoded.
+/// The size of a gzipped file's contents is in its last four bytes. Contents that are far larger than estimated from
+/// the file's size are detected during decoding.
 ///
 /// Memory measured on an icosphere of 655,362 vertices, as a multiple of F: PLY 2.3, OBJ, OFF and VTK 1.4, STL 2.1,
 /// GIfTI 6.5, VTK's XML 2.2 to 5.1, glTF 3.1 to 4.6, 3MF 6.8, VRML 1.8.

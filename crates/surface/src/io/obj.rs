@@ -22,7 +22,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut frame = None;
     let mut lines = lines(bytes);
     while let Some((line_number, line)) = lines.next() {
-        // Only lines of vertices and polygons are continued, because a comment or a file's name may end in a backslash.
+        // Only lines with vertices or polygons are joined with the next line, because a comment or a file's name may
+        // also end in a backslash.
         let line = match words(line).next() {
             Some(b"v" | b"f") => continued(line, &mut lines),
             Some(word) if word.starts_with(b"#") => {

@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 
 /// Reads a text file with the keyword OFF, COFF, NOFF or CNOFF.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
-    // Comments are removed, and lines that are empty without their comments are skipped.
+    // Comments are removed, and lines that are then empty are skipped.
     let mut lines = lines(bytes)
         .map(|(number, line)| (number, line.split(|&b| b == b'#').next().unwrap_or_default().trim_ascii()))
         .filter(|(_, line)| !line.is_empty());
@@ -58,7 +58,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         let mut words = words(line);
         let count: usize = next_number(&mut words, "a count of corners", at)?;
         corners.clear();
-        // Each corner needs a word on the line. If `count` is too large, the missing word is reported as an error.
+        // `count` needn't be checked: if it is too large for the words on the line, the first missing word is reported
+        // as an error.
         for _ in 0..count {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }

@@ -1,6 +1,6 @@
 //! Represents the affine maps by which nodes (glTF, VRML) and components (3MF) place the parts of a scene.
 
-/// An affine map. Row k has the three factors and the shift that give coordinate k of the image.
+/// An affine map. Row k has the three factors and the shift that give coordinate k of a mapped point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placement(pub(super) [[f64; 4]; 3]);
 

@@ -4,10 +4,11 @@ use crate::geometry::{Vec3, add, dot, face_normal, unit};
 use crate::mesh::Mesh;
 
 /// Concave polygons with at most this many corners are cut into triangles without folds. Larger polygons remain fans.
-/// The time of a cut grows with the square of the number of corners, and with its cube in the worst case.
+/// The time needed to cut a polygon usually grows with the square of its number of corners, and in the worst case with
+/// the cube.
 const MOST_CORNERS: usize = 512;
-/// A triangle that faces backwards is a fold only if its area exceeds this fraction of the polygon's area. If corners
-/// lie on a line, rounding of their coordinates can cause smaller triangles that face backwards.
+/// A triangle that faces backwards counts as a fold only if its area exceeds this fraction of the polygon's area.
+/// Smaller triangles may face backwards only because of rounding, if their corners lie on a line.
 const ROUNDING: f64 = 1e-6;
 
 /// Triangles of polygons and strips. A polygon is stored as a fan of triangles until the positions of the vertices are
@@ -15,7 +16,7 @@ const ROUNDING: f64 = 1e-6;
 #[derive(Debug, Default)]
 pub(super) struct Triangles {
     faces: Vec<[u32; 3]>,
-    /// First triangle and number of triangles of each polygon with more than three corners.
+    /// For each polygon with more than three corners: the index of its first triangle, and its number of triangles.
     polygons: Vec<[u32; 2]>,
 }
 
@@ -30,7 +31,7 @@ impl Triangles {
 
     /// Adds a polygon. Returns `false` for fewer than three corners.
     pub(super) fn polygon(&mut self, corners: &[u32]) -> bool {
-        // Meshes with more triangles than 32 bits can count are rejected later.
+        // Meshes whose number of triangles exceeds 32 bits are rejected later.
         if let (Ok(first), Ok(count @ 4..)) = (u32::try_from(self.faces.len()), u32::try_from(corners.len())) {
             self.polygons.push([first, count - 2]);
         }

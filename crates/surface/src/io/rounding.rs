@@ -1,4 +1,4 @@
-//! Finds surfaces whose coordinates lose too many digits in a file of 32-bit numbers.
+//! Finds surfaces whose coordinates lose too many digits when they are stored as 32-bit numbers.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -10,11 +10,12 @@ use crate::error::SurfaceError;
 use crate::geometry::{bounds, sub};
 use crate::mesh::Mesh;
 
-/// Numbers are too coarse if the step between adjacent 32-bit coordinates exceeds this fraction of the bounding box's
-/// diagonal.
+/// Numbers are called too coarse if the step between adjacent 32-bit coordinates exceeds this fraction of the bounding
+/// box's diagonal.
 const COARSE: f64 = 1e-4;
 
-/// The 32-bit numbers of a mesh file are too coarse for a surface that is far from the origin or very small.
+/// A warning that the 32-bit numbers in a mesh file are too coarse for a surface, because the surface is far from the
+/// origin or very small.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CoarseNumbers {
     path: PathBuf,

@@ -47,7 +47,7 @@ pub struct FormatSpec {
 /// A function that writes a surface or a signal in a format.
 pub(super) type Writer<T> = fn(&mut dyn Write, &T, &Context<'_>) -> io::Result<()>;
 
-/// Information for a writer in addition to the contents.
+/// Information that a writer gets in addition to the contents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Context<'a> {
     /// Whether 64-bit numbers were requested.

@@ -53,7 +53,7 @@ fn has_binary_length(bytes: &[u8]) -> bool {
 
 fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut welder = Welder::with_capacity(0);
-    // Number of corners in the current loop, and whether a solid has begun but not ended.
+    // Number of corners read so far in the current loop, and whether a solid has begun but not ended.
     let (mut corners, mut open) = (0, false);
     for (at, line) in lines(bytes) {
         let mut words = words(line);

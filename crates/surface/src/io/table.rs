@@ -8,13 +8,14 @@ use super::spec::FormatSpec;
 use super::text::{lines, number};
 use crate::mesh::Signal;
 
-/// Reads a table as [`read_columns`] does, but returns only the signal, without the facts about the table's columns.
+/// Reads a table like [`read_columns`], but returns only the signal.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     Ok(read_columns(bytes, separator)?.0)
 }
 
-/// Reads a table with cells separated by `separator`, and facts about its columns. The first line is treated as column
-/// names if one of its cells isn't a number. Columns with row numbers are left out, see [`counts_rows`].
+/// Reads a table whose cells are separated by `separator`. Returns its values and facts about its columns. The first
+/// line is treated as column names if one of its cells isn't a number. Columns with row numbers are left out, see
+/// [`counts_rows`].
 pub(super) fn read_columns(bytes: &[u8], separator: u8) -> Result<(Signal, Columns), Flaw> {
     let mut signal = all_columns(bytes, separator)?;
     let mut names = names(bytes, separator);
@@ -178,14 +179,15 @@ fn without_column(signal: Signal, column: usize) -> Signal {
     Signal { values: kept, vertices, channels: channels - 1 }
 }
 
-/// Facts about a table's columns that its values don't contain. They are empty for files that aren't tables.
+/// Facts about the columns of a table. They are empty for files that aren't tables.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(crate) struct Columns {
     /// Names of the columns of values; empty if the table has no header.
     pub(crate) names: Vec<String>,
     /// Names of the columns that were left out because they have row numbers.
     pub(crate) index: Vec<String>,
-    /// First row of a table whose two columns may be one column of numbers with decimal commas.
+    /// First row of the table if it has two columns that may be a single column of numbers with decimal commas;
+    /// otherwise `None`.
     pub(crate) decimal_commas: Option<String>,
 }
 
@@ -199,9 +201,9 @@ pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
 }
 
 /// Returns the first row of a table of two columns if each row may be a single number with a decimal comma, as in
-/// `2,5000`. For this, all cells must be whole numbers. In the second column, at least one number must have a leading
-/// zero, or all numbers must have the same length of at least [`DECIMALS`]. Returns `None` if all numbers of the first
-/// column have the same length of at least [`DECIMALS`], because the columns are then two channels.
+/// `2,5000`. This is assumed if all cells are whole numbers and, in the second column, at least one number has a
+/// leading zero, or all numbers have the same length of at least [`DECIMALS`]. Returns `None` if all numbers of the
+/// first column have the same length of at least [`DECIMALS`], because the columns are then two channels.
 fn decimal_commas(bytes: &[u8]) -> Option<String> {
     let (mut zero, mut same, mut lengths) = (false, [true; 2], None);
     for (_, line) in lines(bytes).filter(|(_, line)| !is_blank(line, b',')) {

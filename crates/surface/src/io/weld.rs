@@ -1,4 +1,4 @@
-//! Merges vertices at equal positions, in formats whose files store a vertex several times.
+//! Merges vertices at equal positions, for formats whose files store the same vertex several times.
 
 use std::collections::HashMap;
 
@@ -6,8 +6,8 @@ use super::flaw::Flaw;
 use crate::mesh::Mesh;
 use crate::room::check_room;
 
-/// Collects corners of triangles, and assigns the same vertex to equal positions. Vertices are numbered in the order of
-/// first appearance.
+/// Collects the corners of triangles, and assigns the same vertex to corners at equal positions. Vertices are numbered
+/// in the order of first appearance.
 pub(super) struct Welder {
     numbers: HashMap<[u64; 3], u32>,
     vertices: Vec<[f64; 3]>,
@@ -32,7 +32,7 @@ impl Welder {
         Ok(())
     }
 
-    /// Returns the number of the vertex at a position.
+    /// Returns the number of the vertex at a position, which is added if it is new.
     fn vertex(&mut self, position: [f64; 3]) -> Result<u32, Flaw> {
         // Adding 0 turns -0 into +0, so that both give the same key.
         let key = position.map(|x| (x + 0.0).to_bits());
@@ -57,7 +57,7 @@ impl Welder {
 /// Triangles are kept even if two of their corners become the same vertex, as in the STL reader. Indices must be in
 /// range.
 pub(super) fn welded(mesh: Mesh) -> Result<Mesh, Flaw> {
-    // The 72 bytes per vertex are for a position, its key, its number and the unused entries of the table.
+    // The 72 bytes per vertex are for a position, its key and its number in the table, and the table's unused entries.
     check_room(mesh.vertices.len() as u64 * 72)?;
     let mut welder = Welder::with_capacity(0);
     let numbers = mesh.vertices.iter().map(|&position| welder.vertex(position)).collect::<Result<Vec<u32>, Flaw>>()?;

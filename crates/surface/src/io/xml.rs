@@ -32,7 +32,8 @@ impl Tag<'_> {
 
     /// Passes the name and the value of each attribute to `each`. The name includes its prefix; see [`local`].
     pub(super) fn attributes(&self, mut each: impl FnMut(&str, Cow<'_, str>) -> Result<(), Flaw>) -> Result<(), Flaw> {
-        // Checks for repeated names are disabled, because they take time quadratic in the number of attributes.
+        // The checks for repeated attribute names are disabled, because their time grows with the square of the number
+        // of attributes.
         for attribute in self.0.attributes().with_checks(false) {
             let attribute = attribute.map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
             let value = attribute
@@ -60,7 +61,10 @@ impl Tag<'_> {
         let Some(text) = self.attribute(name)? else { return Ok(None) };
         match number(text.trim().as_bytes()) {
             Some(value) => Ok(Some(value)),
-            None => Err(Flaw::new(format!("a number as {name} of {}", self.name()), shown(text.as_bytes()))),
+            None => Err(Flaw::new(
+                format!("a number as the attribute {name} of the element {}", self.name()),
+                shown(text.as_bytes()),
+            )),
         }
     }
 }
@@ -82,7 +86,7 @@ pub(super) fn walk<'a>(
     loop {
         let event = reader.read_event().map_err(|e| {
             let at = reader.error_position();
-            Flaw::new("well-formed XML", format!("at byte {at}: {e}"))
+            Flaw::new("well-formed XML", format!("an error at byte {at}: {e}"))
         })?;
         match event {
             Event::Start(tag) => {

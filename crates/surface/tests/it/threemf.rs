@@ -79,7 +79,7 @@ fn what_is_missing_or_wrong_is_named() {
     let item = "<item objectid=\"1\"/>";
     for (text, what) in [
         (model(TRIANGLE, "<item objectid=\"9\"/>"), "expected object 9 in 3D/3dmodel.model"),
-        (model(TRIANGLE, "<item/>"), "the attribute objectid of item"),
+        (model(TRIANGLE, "<item/>"), "an attribute objectid in the element item"),
         (model(TRIANGLE, "<item objectid=\"1\" transform=\"1 0 0\"/>"), "12 numbers in a transform"),
         (model(TRIANGLE, "<item objectid=\"1\" path=\"/3D/other.model\"/>"), "the part 3D/other.model"),
         (model(&TRIANGLE.replace("v3=\"2\"", "v3=\"3\""), item), "a vertex number below 3"),

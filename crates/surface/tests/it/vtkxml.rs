@@ -50,7 +50,7 @@ fn false_declarations_are_placed() {
     for (from, to, what) in [
         ("NumberOfPoints=\"4\"", "NumberOfPoints=\"5\"", "expected 5 points of three numbers"),
         ("NumberOfPolys=\"4\"", "NumberOfPolys=\"99999999999\"", "expected 99999999999 polygons"),
-        ("NumberOfPolys=\"4\"", "NumberOfPolys=\"many\"", "a number as NumberOfPolys of Piece"),
+        ("NumberOfPolys=\"4\"", "NumberOfPolys=\"many\"", "the attribute NumberOfPolys of the element Piece"),
         ("2 0 3<", "2 0 3 3<", "expected 13 as the last offset, found 12"),
         ("3 6 9 12<", "3 6 9 15<", "expected increasing offsets of at most 12"),
         ("3 6 9 12<", "6 3 9 12<", "expected increasing offsets of at most 12"),

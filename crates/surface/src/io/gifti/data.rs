@@ -153,7 +153,7 @@ fn endian(description: &Description) -> Result<Endian, Flaw> {
     }
 }
 
-/// Returns the number of rows, the number of columns, and their product.
+/// Returns an array's number of rows, its number of columns, and the product of both.
 fn shape(description: &Description) -> Result<(usize, usize, u64), Flaw> {
     let dimensionality: usize = number(description.dimensionality.trim().as_bytes())
         .filter(|d| (1..=6).contains(d))
@@ -202,7 +202,7 @@ fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw
 
 fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
     let trimmed = text.trim_ascii();
-    // In most files the text is contiguous; some files break it into lines.
+    // In most files, the base64 text has no white space; some files break it into lines.
     let compact: Cow<'_, [u8]> = if trimmed.bytes().any(|b| b.is_ascii_whitespace()) {
         trimmed.bytes().filter(|b| !b.is_ascii_whitespace()).collect()
     } else {

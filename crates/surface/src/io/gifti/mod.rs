@@ -1,8 +1,9 @@
-//! Reads and writes GIfTI, the neuroimaging community's XML format. A surface consists of a `NIFTI_INTENT_POINTSET`
-//! and a `NIFTI_INTENT_TRIANGLE` array. Arrays of other intents form a signal, with one channel per column.
+//! Reads and writes GIfTI, the neuroimaging community's XML format. A surface consists of a `NIFTI_INTENT_POINTSET` and
+//! a `NIFTI_INTENT_TRIANGLE` array. Arrays with other intents form a signal, with one channel per column.
 //!
-//! Source: GIFTI Surface Data Format, version 1.0 (2010). No maintained crate reads the format. Here `xml` parses the
-//! document (with quick-xml), `data` decodes an array (with base64 and flate2), and `write` writes files.
+//! Source: GIFTI Surface Data Format, version 1.0 (2010). No maintained crate reads the format, so this module does:
+//! `xml` parses the document (with quick-xml), `data` decodes an array (with base64 and flate2), and `write` writes
+//! files.
 
 mod data;
 mod names;

@@ -74,7 +74,7 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
     loop {
         let event = reader.read_event().map_err(|e| {
             let at = reader.error_position();
-            Flaw::new("well-formed XML", format!("at byte {at}: {e}"))
+            Flaw::new("well-formed XML", format!("an error at byte {at}: {e}"))
         })?;
         match event {
             Event::Start(tag) => state.start(&tag)?,

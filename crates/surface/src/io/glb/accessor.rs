@@ -131,7 +131,7 @@ impl Arrays<'_> {
     /// Returns the bytes of `count` elements of `size` bytes each in a view, starting at `offset`.
     fn elements(&self, view: usize, offset: u64, count: u64, size: usize) -> Result<impl Iterator<Item = &[u8]>, Flaw> {
         let found = self.document.buffer_views.get(view);
-        let found = found.ok_or_else(|| Flaw::new("an existing buffer view", format!("number {view}")))?;
+        let found = found.ok_or_else(|| Flaw::new("the number of an existing buffer view", view.to_string()))?;
         let stride = match found.byte_stride {
             None => size as u64,
             Some(stride) if (4..=252).contains(&stride) => stride,
@@ -144,7 +144,7 @@ impl Arrays<'_> {
         if needed.is_none_or(|needed| needed > bytes.len() as u64) {
             return Err(Flaw::new(
                 format!("{count} elements in buffer view {view}, from byte {offset} on"),
-                format!("{} bytes", bytes.len()),
+                format!("a view of {} bytes", bytes.len()),
             ));
         }
         let place = move |number: u64| (offset + number * stride) as usize;
@@ -162,12 +162,15 @@ impl Arrays<'_> {
                     "export the scene as one file: .glb, or .gltf with embedded data",
                 ));
             }
-            None => return Err(Flaw::new("an existing buffer", format!("number {}", view.buffer))),
+            None => return Err(Flaw::new("the number of an existing buffer", view.buffer.to_string())),
         };
         let range = usize::try_from(view.byte_offset).ok().zip(usize::try_from(view.byte_length).ok());
         range.and_then(|(start, length)| bytes.get(start..start.checked_add(length)?)).ok_or_else(|| {
             Flaw::new(
-                format!("a buffer view of {} bytes from byte {} on", view.byte_length, view.byte_offset),
+                format!(
+                    "a buffer view of {} bytes from byte {} on, within its buffer",
+                    view.byte_length, view.byte_offset
+                ),
                 format!("a buffer of {} bytes", bytes.len()),
             )
         })
@@ -175,7 +178,7 @@ impl Arrays<'_> {
 
     fn accessor(&self, number: usize) -> Result<&Accessor, Flaw> {
         let accessor = self.document.accessors.get(number);
-        accessor.ok_or_else(|| Flaw::new("an existing accessor", format!("number {number}")))
+        accessor.ok_or_else(|| Flaw::new("the number of an existing accessor", number.to_string()))
     }
 }
 

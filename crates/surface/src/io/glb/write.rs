@@ -145,7 +145,7 @@ mod tests {
         for (normal, vertex) in normals(&mesh).iter().zip(&mesh.vertices) {
             assert!((0..3).all(|k| (f64::from(normal[k]) - vertex[k]).abs() < 0.03), "{normal:?} {vertex:?}");
         }
-        // This vertex belongs to no triangle.
+        // A vertex that belongs to no triangle gets the normal (0, 0, 1).
         mesh.vertices.push([5.0; 3]);
         assert_eq!(normals(&mesh).last(), Some(&[0.0, 0.0, 1.0]));
     }

@@ -107,7 +107,7 @@ fn lists<'a>(
     let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
     if element.properties.iter().filter(|p| is_corners(&p.name)).count() != 1 {
         let name = String::from_utf8_lossy(&element.name);
-        return Err(Flaw::new(format!("one {name} property vertex_indices"), "none, or several"));
+        return Err(Flaw::new(format!("one property vertex_indices in the element {name}"), "none or several"));
     }
     for _ in 0..count {
         for property in &element.properties {
@@ -138,7 +138,7 @@ fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
     Ok(())
 }
 
-/// The numbers of the data, read one by one. In text files, newlines and blanks separate numbers.
+/// Reads the numbers of the data one by one. In text files, newlines and blanks separate numbers.
 struct Values<'a> {
     cursor: Cursor<'a>,
     encoding: Encoding,
@@ -146,7 +146,7 @@ struct Values<'a> {
 
 impl Values<'_> {
     fn bounded(&self, element: &Element) -> Result<usize, Flaw> {
-        // The last number in a text file needs no separator after it, hence the added byte.
+        // One byte is added, because the last number in a text file needs no separator after it.
         let remaining = self.cursor.remaining() + 1;
         let what = String::from_utf8_lossy(&element.name);
         bounded(element.count, element.least_size(self.encoding).max(1), remaining, &what)

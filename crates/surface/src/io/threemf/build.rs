@@ -1,4 +1,4 @@
-//! Places the objects of a build, and the objects that they contain.
+//! Places the objects listed in a model's build section, and the objects that they contain.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ const DEEPEST: usize = 32;
 /// the time spent on objects that contain other objects many times over.
 const OBJECT: u64 = 64;
 
-/// The archive, and the parts parsed so far, by path.
+/// The archive, and its parts that have been parsed so far, by their paths.
 struct Parts<'a> {
     package: Package<'a>,
     models: HashMap<String, Model>,
@@ -101,7 +101,7 @@ fn add(part: &Mesh, placement: &Placement, mesh: &mut Mesh) -> Result<(), Flaw> 
         return Err(Flaw::new("fewer than 2^32 vertices", "more"));
     }
     mesh.vertices.extend_from_slice(&part.vertices);
-    // The sums can't overflow: an object's corners are below the number of its vertices.
+    // The sums can't overflow, because an object's vertex indices are below its number of vertices.
     mesh.faces.extend(part.faces.iter().map(|face| face.map(|corner| corner + vertices as u32)));
     placement
         .place(mesh.vertices.get_mut(vertices..).unwrap_or_default(), mesh.faces.get_mut(faces..).unwrap_or_default());

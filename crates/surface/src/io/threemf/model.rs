@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 #[derive(Debug, Default)]
 pub(super) struct Model {
     pub(super) objects: HashMap<u32, Object>,
-    /// Numbers of the objects in the order of the file.
+    /// Numbers of the objects, in the order in which the file defines them.
     pub(super) order: Vec<u32>,
     pub(super) items: Vec<Placed>,
 }
@@ -35,7 +35,7 @@ pub(super) struct Placed {
     pub(super) placement: Placement,
 }
 
-/// Parts of the names of extensions that this reader supports or can ignore.
+/// Parts of the names of the extensions that this reader supports or can ignore.
 const KNOWN: [&str; 3] = ["/production/", "/material/", "/trianglesets/"];
 
 #[derive(Default)]
@@ -127,7 +127,7 @@ fn check_root(tag: &Tag<'_>) -> Result<(), Flaw> {
 
 fn required(tag: &Tag<'_>, name: &str) -> Result<u32, Flaw> {
     let found = tag.number(name)?;
-    found.ok_or_else(|| Flaw::new(format!("the attribute {name} of {}", tag.name()), "none"))
+    found.ok_or_else(|| Flaw::new(format!("an attribute {name} in the element {}", tag.name()), "none"))
 }
 
 fn vertex(tag: &Tag<'_>) -> Result<[f64; 3], Flaw> {

@@ -1,5 +1,5 @@
-//! Reads the parts of an archive. The memory for the parts is limited to the largest plausible size of the contents of
-//! an archive of this size.
+//! Reads the parts of an archive. The memory for all parts together is limited to the most that an archive of this size
+//! can plausibly contain.
 
 use std::io::Cursor;
 

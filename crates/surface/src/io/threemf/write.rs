@@ -1,4 +1,4 @@
-//! Writes an archive with one object. The same mesh gives the same bytes.
+//! Writes an archive with one object. Equal meshes give identical bytes.
 
 use std::io::{self, BufWriter, Cursor, Write};
 
@@ -19,8 +19,8 @@ pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     if mesh.vertices.len() > i32::MAX as usize {
         return Err(io::Error::other("3MF files hold only indices below 2^31; write the surface as .ply instead"));
     }
-    // The archive is completed in memory before it is written. In a streamed archive, the sizes follow the data. Some
-    // programs reject such archives.
+    // The archive is completed in memory before it is written. In a streamed archive, the sizes of the parts would
+    // follow their data, and some programs reject such archives.
     let mut archive = Cursor::new(Vec::new());
     let mut zip = ZipWriter::new(&mut archive);
     // A vertex takes less than 100 bytes of text, a triangle less than 64.

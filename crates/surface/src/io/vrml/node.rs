@@ -16,7 +16,7 @@ const DEEPEST: usize = 64;
 /// Number of bytes that the budget is charged for a repeated node, in addition to its text.
 const REPEATED: u64 = 64;
 
-/// Types of nodes that hold surfaces or parts of the scene but aren't supported.
+/// Unsupported types of nodes, which hold surfaces or parts of the scene.
 const REFUSED: [&[u8]; 11] = [
     b"Switch",
     b"LOD",
@@ -138,7 +138,7 @@ impl<'a> Scene<'a> {
                 let start = self.tokens.at;
                 let kind = self.tokens.word("a node's type")?;
                 self.child(node, kind, start, depth)?;
-                // The name is added only after the node has been read, so that a node can't contain itself.
+                // The name is added only after the node has been read, so that a node can't refer to itself.
                 self.names.insert(name, start..self.tokens.at);
             }
             b"USE" => {

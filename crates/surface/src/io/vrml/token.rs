@@ -19,7 +19,7 @@ pub(super) enum Token<'a> {
     ListEnd,
 }
 
-/// A position in a file, from which tokens are read.
+/// Reads tokens from a position in a file.
 #[derive(Clone, Copy)]
 pub(super) struct Tokens<'a> {
     bytes: &'a [u8],

@@ -28,7 +28,7 @@ fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
     })
 }
 
-/// The data of a file, read number by number.
+/// Reads the data in a file number by number.
 pub(super) struct Values<'a> {
     pub(super) cursor: Cursor<'a>,
     pub(super) ascii: bool,
@@ -47,7 +47,7 @@ impl Values<'_> {
         }
     }
 
-    /// Returns the smallest number of bytes that a number can take in the file, if its binary form has `size` bytes.
+    /// Returns the smallest number of bytes that a number can take in the file. `size` is its size in binary files.
     fn least(&self, size: usize) -> usize {
         if self.ascii { 2 } else { size }
     }
@@ -113,7 +113,7 @@ impl Values<'_> {
             let n = usize::try_from(n).ok().filter(|&n| n < left).ok_or_else(|| {
                 Flaw::new(
                     "cells that fill the cell list exactly",
-                    format!("a cell of {n} corners that exceeds the list"),
+                    format!("a cell of {n} corners that extends beyond the list"),
                 )
             })?;
             left -= n + 1;
@@ -159,7 +159,7 @@ impl Values<'_> {
             let &[start, end] = pair else { continue };
             let range = usize::try_from(start).ok().zip(usize::try_from(end).ok());
             let corners = range.and_then(|(start, end)| all.get(start..end)).ok_or_else(|| {
-                Flaw::new(format!("increasing offsets of at most {corner_count}"), format!("{start}, {end}"))
+                Flaw::new(format!("increasing offsets of at most {corner_count}"), format!("{end} after {start}"))
             })?;
             cell(corners)?;
         }

@@ -4,8 +4,8 @@
 //!
 //! `cells` reads the data between the keywords: numbers, points, cells, fields. `surface` converts cells to triangles.
 //!
-//! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used, because it allocates memory by
-//! the header's counts without checking them.
+//! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used, because it allocates as much
+//! memory as the counts in the header imply, without checking them.
 
 mod cells;
 mod surface;
@@ -82,7 +82,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
 struct Cells {
     /// The corners of all cells.
     corners: Vec<u32>,
-    /// The end of each cell in `corners`.
+    /// For each cell, the position in `corners` at which its corners end.
     ends: Vec<usize>,
 }
 

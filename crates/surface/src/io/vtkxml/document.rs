@@ -1,4 +1,4 @@
-//! Walks through the XML, decodes the arrays of points and cells, and joins all pieces into one surface.
+//! Reads a file's XML, decodes its arrays of points and cells, and joins all pieces into one surface.
 
 use super::super::budget::Budget;
 use super::super::bytes::Endian;
@@ -25,7 +25,7 @@ enum Section {
 #[derive(Debug, Default)]
 struct Cells {
     connectivity: Vec<f64>,
-    /// The end of each cell in `connectivity`.
+    /// For each cell, the position in `connectivity` at which its corners end.
     offsets: Vec<f64>,
     types: Vec<f64>,
 }
@@ -235,7 +235,7 @@ impl Piece {
     }
 }
 
-/// The number of points in a piece, and the number of points in all earlier pieces (`first`).
+/// The number of points in a piece (`points`), and the number of points in all earlier pieces (`first`).
 struct Space {
     first: u32,
     points: usize,

@@ -18,7 +18,7 @@ use super::super::flaw::{Flaw, bounded};
 /// The storage format of arrays, which is the same for all arrays of a file.
 pub(super) struct Layout<'a> {
     pub(super) endian: Endian,
-    /// Whether the numbers of headers have 64 bits instead of 32.
+    /// Whether the numbers in headers have 64 bits instead of 32.
     pub(super) wide: bool,
     pub(super) compression: Compression,
     pub(super) appended: Appended<'a>,
@@ -94,11 +94,14 @@ fn expand(
     budget: &mut Budget,
     bytes: &mut Vec<u8>,
 ) -> Result<(), Flaw> {
-    /// Largest number of bytes that a byte of Deflate's or LZ4's output can expand to.
+    /// Largest number of bytes to which one byte of data compressed by Deflate or LZ4 can expand.
     const MOST: u64 = 1032;
     if expected / MOST > block.len() as u64 {
-        let found = format!("a block of {} compressed bytes", block.len());
-        return Err(Flaw::new(format!("{expected} bytes, as stated in the array's header"), found));
+        let found = format!("a block of only {} compressed bytes", block.len());
+        return Err(Flaw::new(
+            format!("a block that expands to {expected} bytes, as stated in the array's header"),
+            found,
+        ));
     }
     budget.spend(expected, "arrays of")?;
     let size = usize::try_from(expected).map_err(|_| Flaw::new("blocks that fit in memory", expected.to_string()))?;
@@ -125,10 +128,10 @@ fn expand(
     Ok(())
 }
 
-/// The bytes of an array that haven't been taken yet. They are taken from the front.
+/// The bytes of an array that haven't been read yet. They are read from the front.
 enum Source<'a> {
     Raw(Cursor<'a>),
-    /// The text that hasn't been decoded yet, and the decoded bytes that haven't been taken yet.
+    /// The base64 text that hasn't been decoded yet, and the decoded bytes that haven't been read yet.
     Base64 {
         text: &'a [u8],
         bytes: Vec<u8>,
@@ -155,7 +158,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Takes the next number of a header.
+    /// Reads the next number of a header.
     fn word(&mut self, layout: &Layout<'_>) -> Result<u64, Flaw> {
         let bytes = self.take(if layout.wide { 8 } else { 4 })?;
         let mut cursor = Cursor::new(&bytes);
@@ -168,8 +171,8 @@ impl<'a> Source<'a> {
             Self::Base64 { text, bytes } => (text, bytes),
         };
         while bytes.len() < count {
-            // Four characters encode three bytes, or fewer if they are padded. Another base64 string begins after
-            // padding.
+            // Four characters encode three bytes, or fewer if the characters include padding. After padding, another
+            // base64 string begins.
             let characters = (count - bytes.len()).div_ceil(3).saturating_mul(4);
             let Some((piece, rest)) = text.split_at_checked(characters.min(text.len() / 4 * 4)) else { break };
             if piece.is_empty() {

@@ -40,7 +40,7 @@ pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&st
     writeln!(out, "</VTKFile>")
 }
 
-/// Writes an array of numbers of 8 bytes each.
+/// Writes an array of 8-byte numbers.
 fn array(
     out: &mut dyn Write,
     kind: &str,
