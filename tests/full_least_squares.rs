@@ -250,7 +250,7 @@ fn held_out_vertices_are_further_from_the_model_than_those_it_saw() {
         meets(all, msd(&report), 1e-9, "all");
     }
     let error = fail(&mut lsq(&study, &["--max-degree", "12", "--hold-out", "1e-9", "--force"]));
-    assert!(error.contains("--hold-out 0.000000001") && error.contains("none of 642 vertices"), "{error}");
+    assert!(error.contains("--hold-out 0.000000001") && error.contains("none of the 642 vertices"), "{error}");
 }
 
 #[test]

@@ -56,7 +56,9 @@ fn a_table_of_other_files_of_the_same_names_gives_a_warning() {
         drawing.args(["late/a.ply", "--size", "64", "--force", "-o", "a.png", "--colour-by", &format!("{table}:size")]);
         let output = finish(drawing.current_dir(site.path()));
         assert!(output.status.success(), "{}", text(&output));
-        text(&output).contains(&format!("other files with the same names, such as {cell} for late/a.ply (1 of 1 rows)"))
+        let expected =
+            format!("paths in 1 of 1 rows lead to other files of the same names, such as {cell} for late/a.ply;");
+        text(&output).contains(&expected)
     };
     assert!(warned("early/a.ply", "early/t.tsv"), "relative to the current folder");
     assert!(warned("a.ply", "early/t.tsv"), "relative to the table");

@@ -101,7 +101,7 @@ fn designs_that_cannot_be_estimated_are_refused() {
     refused(&["--effect", "stage", "--contrast", "mild"], &["\"mild\" tests a mean", "test a difference"]);
     refused(
         &["--effect", "stage", "--contrast", "mild - mild"],
-        &["a combination of columns with a nonzero weight, found \"mild - mild\""],
+        &["a combination of columns with at least one nonzero weight, found \"mild - mild\""],
     );
     refused(&["--effect", "group", "--covariates", "age,age"], &["age"]);
     refused(&["--effect", "age:sex", "--levels", "m,f,x"], &["sex", "m, f, x"]);

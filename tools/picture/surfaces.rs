@@ -60,7 +60,7 @@ pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf], console: 
     if let Some((surface, row)) = others.first() {
         let (count, cell, surface) = (others.len(), keys[**row], surface.display());
         console.warn(format!(
-            "{}: {count} of {} rows are paths of other files with the same names, such as {cell} for {surface}; check \
+            "{}: paths in {count} of {} rows lead to other files of the same names, such as {cell} for {surface}; check \
              that this is the table of these surfaces",
             named(),
             rows.len()

@@ -366,6 +366,6 @@ pub(super) mod tests {
         std::fs::write(&path, &first).unwrap();
         assert_eq!(earlier(&path, at(3), None).unwrap(), first);
         let error = earlier(&path, ImageChoice::default(), None).unwrap_err().to_string();
-        assert!(error.contains("with the given --channel and --time, found others"), "{error}");
+        assert!(error.contains("with the given --channel and --time, found other columns"), "{error}");
     }
 }

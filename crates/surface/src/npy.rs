@@ -94,7 +94,7 @@ impl Header {
         input.read_exact(&mut text)?;
         let text = String::from_utf8(text).map_err(|_| invalid("the header isn't UTF-8 text".to_owned()))?;
         let header = Parser { text: &text, rest: &text }.header();
-        let header = header.map_err(|problem| invalid(format!("the header can't be parsed: {problem}")))?;
+        let header = header.map_err(|problem| invalid(format!("a header that can't be parsed: {problem}")))?;
         Ok(Self { start: (before + length) as u64, ..header })
     }
 
